@@ -41,9 +41,9 @@ class CheckedRuns:
 
 @dataclass(frozen=True, slots=True)
 class KnownRecord:
-    """A record with this size and time of change has a digest, unknowns, and sds of its channels."""
+    """A record with this stamp (see `stamp_of`) has a digest, unknowns, and sds of its channels."""
 
-    stamp: tuple[int, int]
+    stamp: tuple[int, ...]
     digest: str
     unknowns: tuple[str, ...]
     sds: Mapping[str, float]
@@ -65,7 +65,9 @@ def run_case(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None) 
     data = _merged(plan.base.data, run.changes)
     folder = plan.base.path.parent.resolve()
     name = sources.relative_name(folder, run.path.resolve())
-    data["record"] = {**data.get("record", {}), "file": name}
+    record = data.get("record", {})
+    if isinstance(record, Mapping):  # all else is refused with its line
+        data["record"] = {**record, "file": name}
     return loading.validate(replace(plan.base, data=data, text=""), before)
 
 
@@ -107,8 +109,13 @@ def check_runs(
     records = KnownRecords() if known is None else known
     case, good = loading.validate(plan.base), list[str]()
     wanted = next((record.unknowns for record in records.values()), ())
+    files = dict[tuple[int, ...], str]()
     for k, run in enumerate(plan.runs):
         stamp = stamp_of(run.path)
+        if any(stamp) and (other := files.setdefault(stamp, run.name)) != run.name:
+            message = f"is another name of the file of {other}; take out one of them"
+            issues.append(Issue(f"run {run.name} ({run.path})", message))
+            continue
         if run.name not in records or records[run.name].stamp != stamp:
             report.update(k / len(plan.runs), f"reading record {k + 1} of {len(plan.runs)}")
             try:
@@ -137,13 +144,13 @@ def check_runs(
     return CheckedRuns(digests, (*plan.notes, *_exchanged_units(sds)))
 
 
-def stamp_of(path: Path) -> tuple[int, int]:
-    """Return size and time of change [ns] of a file; zeros if it is missing."""
+def stamp_of(path: Path) -> tuple[int, ...]:
+    """Return size, time of change [ns], and identity of a file; zeros if it is missing."""
     try:
         status = path.stat()
     except (OSError, ValueError):
-        return 0, 0
-    return status.st_size, status.st_mtime_ns
+        return 0, 0, 0, 0
+    return status.st_size, status.st_mtime_ns, status.st_dev, status.st_ino
 
 
 def digest_of(plan: CampaignPlan, job: Job) -> str:

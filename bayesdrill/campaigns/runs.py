@@ -65,6 +65,9 @@ class _Row:
     noted: Mapping[str, float]
 
 
+NumberedRow = tuple[int, Sequence[Any]]  # the number of a row of a table, and its cells
+
+
 def read_spec(path: Path) -> tuple[Source, CampaignSpec]:
     """Read the file of a campaign; raises `InputError` with all its mistakes."""
     source = read(path)
@@ -90,6 +93,9 @@ def read_plan(path: Path) -> CampaignPlan:
     rows = [row for row in rows if row.name not in spec.leave_out]
     if names and not rows:
         issues.append(source.issue(("leave_out",), "no run remains; take some out of this list"))
+    issues += [
+        Issue(r.place, "its file has a NUL in its name") for r in rows if "\0" in str(r.path)
+    ]
     issues += _repeated(rows)
     times = _times(rows, spec, issues)
     issues += _repeated_times(rows, times)
@@ -154,7 +160,9 @@ def _rows(source: Source, spec: CampaignSpec, issues: list[Issue]) -> list[_Row]
 
 
 def _table_rows(path: Path, spec: CampaignSpec, issues: list[Issue]) -> list[_Row]:
-    columns, cells, first = _parquet(path) if path.suffix == ".parquet" else _csv(path)
+    columns, cells = _parquet(path) if path.suffix == ".parquet" else _csv(path)
+    twice = dict.fromkeys(name for name in columns if columns.count(name) > 1)
+    issues += [Issue(str(path), f"has two columns {name}; rename one of them") for name in twice]
     for name in ("file", *spec.noted):
         if name not in columns:
             hint = did_you_mean(name, columns)
@@ -162,7 +170,7 @@ def _table_rows(path: Path, spec: CampaignSpec, issues: list[Issue]) -> list[_Ro
     if issues:
         return []
     rows = []
-    for number, row in enumerate(cells, start=first):
+    for number, row in cells:
         place = f"{path} row {number}"
         known: dict[str, Any] = dict(zip(columns, row, strict=False))
         if len(row) != len(columns):
@@ -181,21 +189,28 @@ def _table_rows(path: Path, spec: CampaignSpec, issues: list[Issue]) -> list[_Ro
     return rows
 
 
-def _csv(path: Path) -> tuple[list[str], Iterable[Sequence[Any]], int]:
-    lines = [line for line in decode(path).splitlines() if line.strip()]
-    mark = max(",;\t", key=(lines or [""])[0].count)
-    cells = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=mark)]
-    return (cells or [[]])[0], cells[1:], 2
+def _csv(path: Path) -> tuple[list[str], Sequence[NumberedRow]]:
+    """Return the header and the other rows with their numbers; blank lines are no rows."""
+    lines = decode(path).splitlines()
+    mark = max(",;\t", key=next((line for line in lines if line.strip()), "").count)
+    try:
+        cells = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=mark)]
+    except csv.Error as error:
+        message = f"cannot be read as a table ({error}); write it as CSV with a row for each run"
+        raise InputError.at(str(path), message) from None
+    rows = [(number, row) for number, row in enumerate(cells, start=1) if any(row)]
+    return (rows[0][1] if rows else []), rows[1:]
 
 
-def _parquet(path: Path) -> tuple[list[str], Iterable[Sequence[Any]], int]:
+def _parquet(path: Path) -> tuple[list[str], Sequence[NumberedRow]]:
     try:
         from pyarrow import parquet
     except ImportError:
         raise missing_package(path, "a Parquet file", "parquet") from None
     with report_damage(str(path), f"the Parquet file {CUT_SHORT}"):
         table = parquet.read_table(path)
-        return table.column_names, [*zip(*(c.to_pylist() for c in table.columns), strict=True)], 1
+        cells = zip(*(column.to_pylist() for column in table.columns), strict=True)
+        return table.column_names, [*enumerate(cells, start=1)]
 
 
 def _number(cell: Any, name: str, place: str, issues: list[Issue]) -> float:

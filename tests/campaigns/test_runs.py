@@ -57,6 +57,17 @@ MISTAKES = [
     ("", "", "run_2.csv,", ",", ["row 3: names no file"]),
     ("", "", "file,", "files,", ["has no column file; did you mean files?"]),
     ("time_unit:", "by_name: true\ntime_unit:", "", "", ["runs have times; remove `by_name`"]),
+    (
+        "time_unit:",
+        "overrides: {run_2: {record: 3}}\ntime_unit:",
+        "",
+        "",
+        ["run run_2", "record: "],
+    ),
+    ("", "", "name,time", "file,time", ["has two columns file; rename one of them"]),
+    ("", "", "run_2.csv", "x" * 200_000, ["runs.csv: cannot be read as a table (field larger"]),
+    ("", "", "run_2.csv", "\n\nrun_2.csv,x,", ["row 5: has 6 cells, the header 4"]),
+    ("runs/runs.csv", '[{file: "a\\0.csv"}]', "", "", ["a NUL or half a character stands here"]),
 ]
 
 
@@ -132,6 +143,9 @@ def test_a_glob_a_list_and_a_parquet_table_list_the_same_runs(tmp_path: Path) ->
     (tmp_path / "runs" / "runs.parquet").write_bytes(whole[:-40])
     with pytest.raises(InputError, match="damaged or cut short"):
         read_plan(path)
+    parquet.write_table(pyarrow.table({"file": ["a\0.csv"]}), tmp_path / "runs" / "runs.parquet")
+    with pytest.raises(InputError, match=r"row 1: its file has a NUL in its name"):
+        read_plan(path)
 
 
 def test_numbers_in_names_are_counted() -> None:
@@ -159,6 +173,14 @@ def test_all_bad_records_are_named_and_can_be_left_out(tmp_path: Path) -> None:
     assert result.status == 0, result.err
     assert "campaign many: 3 runs" in result.out
     assert "left out by name: run_2, run_3, run_4" in result.out
+
+
+def test_another_name_of_a_file_is_no_second_run(tmp_path: Path) -> None:
+    path = campaigns.campaign(tmp_path)
+    runs = tmp_path / "runs"
+    (runs / "run_3.csv").unlink()
+    (runs / "run_3.csv").symlink_to(runs / "run_2.csv")
+    assert_refused(cli("check", path), "run run_3 (", "is another name of the file of run_2")
 
 
 def test_a_channel_in_another_unit_is_named(tmp_path: Path) -> None:
