@@ -258,6 +258,7 @@ def test_friction_holds_what_does_not_reach_it() -> None:
     assert still[-1, 4] == pytest.approx(1.0 / paper().values["r_m"], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_friction_with_friction_at_rest_is_named_where_a_bit_sticks_and_slips(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
