@@ -12,9 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Indices
 
 MAX_DRAWS = 1000  # draws of a run that are used; more cost time and hardly change its weights
+
+
+def evenly_spaced(count: int, most: int = MAX_DRAWS) -> Indices:
+    """Return at most `most` indices of `count` draws, from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,8 +43,7 @@ class InterimDraws:
 
     def thinned(self, most: int = MAX_DRAWS) -> tuple[Array, Array]:
         """Return at most `most` evenly spaced draws, and their log interim densities."""
-        count = len(self.log_interim)
-        kept = np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
+        kept = evenly_spaced(len(self.log_interim), most)
         return self.log_products[kept], self.log_interim[kept]
 
 

@@ -21,7 +21,7 @@ from bayesdrill.campaigns.outcomes import (
     rig_levels,
     run_outcomes,
 )
-from bayesdrill.campaigns.population import RunArrays, run_arrays, sample_population
+from bayesdrill.campaigns.population import RunArrays, run_arrays, sample_population, sds_of
 from bayesdrill.campaigns.time_study import LevelHistory, level_history
 from bayesdrill.sampling.convergence import Convergence, Targets
 
@@ -29,9 +29,7 @@ MIN_RUNS = 3  # fewer runs say next to nothing about their spread
 MIN_TIMED_RUNS = 8  # fewer runs show no history
 MIN_EFFECTIVE = 100.0  # effective draws of a run, below which it has to be sampled again
 NOTED_PRECISION = 0.1  # prior precision of a coefficient of a noted column, over that of the runs
-EWMA_WEIGHT = (
-    0.2  # weight of the newest run in the moving average of a control chart (Roberts 1959)
-)
+EWMA_WEIGHT = 0.2  # weight of the newest run in a chart's moving average (Roberts 1959)
 CHART_LIMIT = 3.0  # standard deviations at which a control chart has its limits
 ALARM = 0.05  # a constant level that is less probable than this raises an alarm
 
@@ -186,7 +184,7 @@ def fit_population(
     labels = tuple((run.name, run.rig) for run in runs)
     outcomes = run_outcomes(data, sampled, labels, products, offset)
     mean = sampled.covariance.mean(axis=0)
-    sds = np.sqrt(np.diagonal(mean))
+    sds = sds_of(mean)
     columns = tuple(missing)
     ranks = np.array([run.ranks for run in outcomes])
     return PopulationFit(

@@ -19,7 +19,7 @@ from bayesdrill.analysis.identifiability.study import study_of
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter, Silent
-from bayesdrill.campaigns.draws import MAX_DRAWS
+from bayesdrill.campaigns.draws import evenly_spaced
 from bayesdrill.campaigns.interim_prior import log_density_of_products
 from bayesdrill.campaigns.records import run_job
 from bayesdrill.campaigns.runs import CampaignPlan, CampaignRun
@@ -122,8 +122,7 @@ def fit_run(posterior: Posterior, plan: FitPlan, reference: Reference) -> Fitted
         none = np.zeros((0, len(powers)))
         return FittedRun(log_products=none, log_interim=none[:, 0], reasons=(str(error),))
     draws = sampled.draws.reshape(-1, len(names))
-    kept = np.unique(np.linspace(0, len(draws) - 1, min(len(draws), MAX_DRAWS)).astype(np.intp))
-    logs = np.log(draws[kept][:, columns]) @ powers.T
+    logs = np.log(draws[evenly_spaced(len(draws))][:, columns]) @ powers.T
     priors = [posterior.space.priors[name] for name in reference.names]
     log_interim = log_density_of_products(logs, powers, priors)
     sure = np.isfinite(log_interim)  # none elsewhere, as the quadrature has no node at their ends

@@ -256,6 +256,12 @@ def moments_alone(data: RunArrays) -> tuple[Array, Array]:
     return mean, np.einsum("rs,rsi,rsj->rij", weights, deviations, deviations, optimize=True)
 
 
+def _squared_distances(deviations: Array, covariances: Array) -> Array:
+    """Return squared Mahalanobis distances `(M,)` of `(M, K)` with `covariances (M, K, K)`."""
+    solved = np.linalg.solve(covariances, deviations[..., None])[..., 0]
+    return np.asarray(np.einsum("mk,mk->m", deviations, solved))
+
+
 def run_outcomes(
     data: RunArrays,
     draws: PopulationDraws,
@@ -279,11 +285,9 @@ def run_outcomes(
         deviation = alone[r] - centres
         core = draws.covariance * (draws.spread_of_t**2)[:, None, None] + covariance[r]
         wide = draws.covariance + covariance[r]
-        squares = np.einsum(
-            "mk,mk->m", deviation, np.linalg.solve(core, deviation[..., None])[..., 0]
-        )
-        t_squares = np.einsum(
-            "mk,mk->m", deviation, np.linalg.solve(wide, deviation[..., None])[..., 0]
+        squares, t_squares = (
+            _squared_distances(deviation, core),
+            _squared_distances(deviation, wide),
         )
         n_products = len(products)
         core_tail = float(weights @ scipy.special.chdtrc(n_products, squares))

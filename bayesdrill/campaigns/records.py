@@ -16,6 +16,7 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns.runs import CampaignPlan, CampaignRun
 from bayesdrill.config import loading
 from bayesdrill.config.building.case import ResolvedCase
+from bayesdrill.config.building.experiments import merged_entries
 from bayesdrill.config.job import Job, assemble
 from bayesdrill.config.records import sources
 from bayesdrill.results import provenance
@@ -62,7 +63,7 @@ def base_job(plan: CampaignPlan, checked: CheckedRuns) -> Job:
 
 def run_case(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None) -> ResolvedCase:
     """Return the case of a run; entries that are the same in the case `before` are known to be valid."""
-    data = _merged(plan.base.data, run.changes)
+    data = overridden(plan.base.data, run.changes)
     folder = plan.base.path.parent.resolve()
     name = sources.relative_name(folder, run.path.resolve())
     record = data.get("record", {})
@@ -80,18 +81,19 @@ def run_job(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None = 
         raise InputError([Issue(place, str(problem)) for problem in error.problems]) from None
 
 
-def _merged(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return nested entries with `changes`; None removes an entry."""
-    merged = dict(data)
-    for key, value in changes.items():
-        inner = merged.get(key)
-        if isinstance(value, Mapping) and isinstance(inner, Mapping):
-            merged[key] = _merged(inner, value)
-        elif value is None:
-            merged.pop(key, None)
-        else:
-            merged[key] = value
-    return merged
+def overridden(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return entries with `changes`, as an experiment changes common ones; None removes an entry."""
+
+    def remove(entries: dict[str, Any], changes: Mapping[str, Any]) -> None:
+        for key, value in changes.items():
+            if value is None:
+                del entries[key]
+            elif isinstance(value, Mapping):
+                remove(entries[key], value)
+
+    entries: dict[str, Any] = merged_entries(data, changes)
+    remove(entries, changes)
+    return entries
 
 
 def check_runs(

@@ -71,7 +71,7 @@ class TargetOutlook:
         return self.after[DESIGNED]
 
     @property
-    def usual(self) -> dict[str, float]:
+    def usual_sds(self) -> dict[str, float]:
         """Return the sds after the usual waveforms."""
         special = (RECORDED, REPEATED, DESIGNED)
         return {name: sd for name, sd in self.after.items() if name not in special}

@@ -35,7 +35,7 @@ LEAST_FALL = 1.05  # a remedy is named if it divides the sd of the target by at 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetVisibility:
-    """Of the k targets, with relative derivatives `slopes (W, k, m)`, the `visible` can be learnt.
+    """The k targets have relative derivatives `slopes (W, k, m)`; the `visible` ones can be learnt.
 
     For each target, `hidden_by` names the unknowns that each exact symmetry changes together with
     it.  `remedies` are actions that would break such a symmetry, and the factors by which the sd of

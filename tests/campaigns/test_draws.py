@@ -1,4 +1,4 @@
-"""What a campaign accepts as draws of its runs."""
+"""A campaign accepts sound draws of its runs, and names what is wrong with others."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def test_a_product_of_log_uniform_numbers_has_the_density_of_irwin_and_hall(
 
 
 def test_a_ratio_of_uniform_numbers_has_its_closed_form() -> None:
-    """For x, y uniform from 0 to 1, w = x / y has the density 1/2 below 1 and 1 / (2 w^2) above."""
+    """The density is 1/2 for a ratio w below 1, and 1 / (2 w^2) for one above."""
     ratio = np.array([0.2, 0.7, 1.3, 4.0])
     log_p = log_density_of_products(np.log(ratio)[:, None], [[1, -1]], [Uniform(0.0, 1.0)] * 2)
     closed = np.where(ratio < 1, 0.5, 0.5 / ratio**2) * ratio

@@ -1,4 +1,4 @@
-"""What a population means, against closed forms of normal, t and chi-square distributions."""
+"""Outcomes of a population equal closed forms of normal, t and chi-square distributions."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from support.case_tables import run_cases
 from support.command_line import assert_refused, cli
 
 from bayesdrill.basics.errors import InputError
+from bayesdrill.campaigns.records import overridden
 from bayesdrill.campaigns.runs import natural_key, read_plan
 
 DAY = 86400.0
@@ -188,6 +189,14 @@ def test_a_channel_in_another_unit_is_named(tmp_path: Path) -> None:
     change = "overrides: {run_5: {record: {channels: {w_1: {unit: rpm, sigma: 0.5}}}}}\n"
     path.write_text(campaigns.CAMPAIGN + change)
     assert "w_1 of run_5 is 0.10" in cli("check", path).out
+
+
+def test_overrides_change_entries_as_an_experiment_does_and_null_removes_one() -> None:
+    """An entry of another kind, such as a value for a prior, takes the place of the common one."""
+    common = {"v": {"prior": "uniform", "low": 1}, "record": {"window": [0, 2], "unit": "s"}}
+    changes = {"v": {"value": 3}, "record": {"window": None, "unit": "ms"}}
+    assert overridden(common, changes) == {"v": {"value": 3}, "record": {"unit": "ms"}}
+    assert common["record"] == {"window": [0, 2], "unit": "s"}
 
 
 def test_a_run_that_lacks_an_unknown_of_the_others_is_named(tmp_path: Path) -> None:

@@ -59,7 +59,7 @@ def experiment_source(source: Source, label: str, local: Mapping[str, Any]) -> S
     data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, *SHARING_KEYS)}
     data = copy.deepcopy(data)
     for section in [name for name in (*SECTIONS, PARAMETERS) if name in local]:
-        data[section] = _merged(data.get(section), local[section])
+        data[section] = merged_entries(data.get(section), local[section])
     lines, moved = dict(source.lines), dict[Location, Location]()
     prefix: Location = (EXPERIMENTS, label)
     for location, line in source.lines.items():
@@ -70,14 +70,17 @@ def experiment_source(source: Source, label: str, local: Mapping[str, Any]) -> S
     return dataclasses.replace(alone, labels=labels)
 
 
-def _merged(common: Any, local: Any) -> Any:
+def merged_entries(common: Any, local: Any) -> Any:
     """Return the common entries, recursively replaced by the `local` ones."""
     if not (isinstance(common, Mapping) and isinstance(local, Mapping)):
         return copy.deepcopy(local)
     if _entry_kind(local) and _entry_kind(common) != _entry_kind(local):
         return copy.deepcopy(local)  # keys of another kind of entry do not fit
     merged = {key: value for key, value in common.items() if key not in local}
-    return {**merged, **{key: _merged(common.get(key), value) for key, value in local.items()}}
+    return {
+        **merged,
+        **{key: merged_entries(common.get(key), value) for key, value in local.items()},
+    }
 
 
 def _entry_kind(entry: Mapping[str, Any]) -> str:

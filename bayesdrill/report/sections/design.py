@@ -80,9 +80,9 @@ def _sentence(target: TargetOutlook) -> str:
     if target.hidden_by:
         scaled = "; ".join(", ".join(names) for names in target.hidden_by)
         return f"{target.name}: no waveform shows it, as none tells a common factor of {scaled}"
-    usual = target.usual
-    best = min(usual, key=lambda name: usual[name])
-    ratio = usual[best] / target.designed
+    sds = target.usual_sds
+    best = min(sds, key=lambda name: sds[name])
+    ratio = sds[best] / target.designed
     if target.designed > 0.9 * target.now:
         return f"{target.name}: hardly any waveform within these limits shows it above the noise"
     if ratio > ALIKE:
@@ -98,9 +98,9 @@ def odds_sentence(design: ExperimentDesign) -> str:
     """Say what log odds mean, and how many times those of the best usual waveform a design has."""
     if not design.log_odds:
         return ""
-    usual = {n: odds for n, odds in design.log_odds.items() if n not in (RECORDED, DESIGNED)}
-    best = max(usual, key=lambda name: usual[name])
-    ratio = design.log_odds[DESIGNED] / usual[best]
+    log_odds = {n: odds for n, odds in design.log_odds.items() if n not in (RECORDED, DESIGNED)}
+    best = max(log_odds, key=lambda name: log_odds[name])
+    ratio = design.log_odds[DESIGNED] / log_odds[best]
     return (
         "The config is taken to be true, and the other model is fitted to its record. Odds of 20 to 1 "
         f"are log odds of 3.\nThe designed waveform has {ratio:.2g} times the log odds of {best}, the "
@@ -206,7 +206,7 @@ def _sds(panel: Axes, targets: tuple[TargetOutlook, ...]) -> None:
     rows = np.arange(len(targets))
     every = [sd for target in targets for sd in (target.now, *target.after.values())]
     x = scales.scale(100 * min(every), 100 * max(every), log=True, margin=0.05)
-    usual = [min(target.usual.values()) for target in targets]
+    usual = [min(target.usual_sds.values()) for target in targets]
     now = [target.now for target in targets]
     for row, sd in zip(rows, now, strict=True):
         panel.plot([float(x(100 * sd))] * 2, [row - 0.3, row + 0.3], **style.PRIOR_LINE)
