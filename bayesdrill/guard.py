@@ -188,7 +188,7 @@ def saved_in(folder: Path, way_out: str = "go on with --resume") -> Iterator[Non
     except OSError as error:
         if errors.short_of_memory(error):
             raise
-        message = f"{_reason(error)}; mend this, then {way_out}"
+        message = f"{_reason(error)}; correct this, then {way_out}"
         raise InputError.at(str(error.filename or folder), message) from None
     except BrokenExecutor:
         raise InputError.at(str(folder), f"{KILLED}; {way_out}") from None

@@ -479,6 +479,6 @@ def cache(*, clear: bool = False) -> str:
         sizes = user.sizes
     except OSError as error:
         reason = error.strerror or str(error)
-        message = f"{reason}; mend this, or name another folder by {CACHE_VARIABLE}"
+        message = f"{reason}; correct this, or name another folder by {CACHE_VARIABLE}"
         raise InputError.at(str(user.folder), message) from None
     return f"{user.folder}: {len(sizes)} compiled kernels, {sum(sizes) / 1e6:.1f} MB"

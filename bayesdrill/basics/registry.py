@@ -131,7 +131,7 @@ def _blame(entry_point: EntryPoint, failure: str, error: BaseException) -> str:
     if not reason or not isinstance(error, ValueError):
         reason = f"{type(error).__name__}: {reason}".removesuffix(": ")
     brought = f"{entry_point.name} is brought by {package}"
-    return f"{brought}, and {failure} ({reason}); mend or remove that package"
+    return f"{brought}, and {failure} ({reason}); repair or remove that package"
 
 
 def lookup[T](members: Mapping[str, T], name: str, what: str) -> T:

@@ -128,7 +128,7 @@ def check_runs(
             wanted = wanted or made.problem.names
             if lacking := [name for name in wanted if name not in made.problem.names]:
                 message = (
-                    f"has no unknown {', '.join(lacking)}, as other runs have; mend `overrides`"
+                    f"has no unknown {', '.join(lacking)}, as other runs have; correct `overrides`"
                 )
                 issues.append(Issue(f"run {run.name} ({run.path})", message))
                 continue
@@ -140,7 +140,9 @@ def check_runs(
     report.update(1.0, "")
     if issues and problems is None:
         bad = f"{len(plan.runs) - len(good)} of {len(plan.runs)} runs"
-        message = f"{bad} cannot be used; mend them, or leave them out by name: `leave_out: [...]`"
+        message = (
+            f"{bad} cannot be used; correct them, or leave them out by name: `leave_out: [...]`"
+        )
         raise InputError([plan.source.issue(("leave_out",), message), *issues])
     digests, sds = ({name: getattr(records[name], x) for name in good} for x in ("digest", "sds"))
     return CheckedRuns(digests, (*plan.notes, *_exchanged_units(sds)))

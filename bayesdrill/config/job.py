@@ -102,7 +102,7 @@ def assemble(case: ResolvedCase, files: Files | None = None) -> Job:
         raise source.error(("parameters",), message)
     if case.config.sampler.likelihood == "compressed":
         reasons = filter(None, (each.exact_reason for each in problem.observations))
-        message = "a record cannot be compressed: {}; say `auto`, or leave it out"
+        message = "a record cannot be compressed: {}; write `auto`, or leave it out"
         raise_if_any([source.issue(("sampler", "likelihood"), message.format(r)) for r in reasons])
     impossible = derived.impossible_formulas(problem).items()
     raise_if_any([source.issue(("derived", name), text) for name, text in impossible])
@@ -173,7 +173,7 @@ def _plain(value: Any, location: tuple[str, ...], issues: list[Issue]) -> Any:
         value = value.item()
     is_plain = value is None or isinstance(value, bool | float | str)
     if not is_plain and not (isinstance(value, int) and value.bit_length() < MAX_INTEGER_BITS):
-        kind = "a number of so many digits" if isinstance(value, int) else type(value).__name__
+        kind = "a number with that many digits" if isinstance(value, int) else type(value).__name__
         message = f"no entry can be {kind}; see docs/config.md for what it can be"
         issues.append(Issue(".".join(location), message))
     return value

@@ -134,7 +134,9 @@ def design_against(
             f"the best waveform within these limits has expected log odds of {odds[DESIGNED]:.2g}"
         )
         way_out = "measure longer, with less noise, or with further channels"
-        raise InputError.at("--tell", f"{message}, so that nothing tells both apart; {way_out}")
+        raise InputError.at(
+            "--tell", f"{message}, so that nothing distinguishes the two; {way_out}"
+        )
     report.update(1.0, "")
     return describe_expected(coming, request, levels[None], known, check, odds=odds)
 

@@ -92,12 +92,12 @@ def _initial(start: StartGuess) -> list[str]:
 
 
 def _experiments(context: DraftContext) -> list[str]:
-    lines = comment("Each has its file, and what is its own; all else is as above.")
+    lines = comment("Each experiment has its file and its own entries; all others are as above.")
     lines.append("experiments:")
     for record in context.records:
         lines += _experiment(context, record)
-    doubt = "the same sensors in each: one noise, one offset, one lag"
-    doubt += "; take out what differs, and it is an unknown of each experiment"
+    doubt = "the experiments share sensors: one noise, one offset, one lag"
+    doubt += "; remove a name, and it is an unknown of each experiment"
     # Unknowns of the sensors are shared; times of steps made by hand differ.
     shared = ["t_0"] if context.has_measured_input else []
     if context.voltage is None and context.lead.roles.v and not entries.constant_voltages(context):
@@ -142,7 +142,7 @@ def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
     rig = with_named(context.lead.roles.rig, sheet)
     if sheet:
         sd = math.exp(SHEET_SD)
-        why += f"; what is `relative` is a factor of the sheet's, with an sd of {sd:.2g}"
+        why += f"; `relative` priors are factors of the sheet's values, with an sd of {sd:.2g}"
     driven = [inertia for inertia in rig.roles.inertias if rig.roles.motor(inertia.name)]
     rubbing, held = driven, set[str]()
     if context.lead.roles.train is not None:
@@ -167,7 +167,7 @@ def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
     further = [shaft.damping for shaft in rig.roles.shafts]
     further += [inertia.sliding for inertia in rubbing if both_ways]
     further = [name for name in further if name in rig.offers and name not in rig.parameters]
-    text = "Further physics is switched on by naming it, see docs/rigs.md; take the # away:"
+    text = "Further physics is switched on by naming it, see docs/rigs.md; remove the #:"
     lines += comment(text if further else "", 2)
     for name in further:
         _, high = _prior_ends(scales, rig, rig.symbols[name], gear)
@@ -260,7 +260,7 @@ def _with_meaning(entry: str, width: int, symbol: Symbol) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """A guess is a config `text` for `path`; `open_issues` are mistakes that only the user can mend."""
+    """A guess is a config `text` for `path`; only the user can correct its `open_issues`."""
 
     path: Path
     text: str

@@ -192,8 +192,8 @@ def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
         spread = max(float(np.std(s.raw.x)) for _, s in sensors)
         size = " to ".join(dict.fromkeys((f"{least:.3g}", f"{most:.3g}")))
         doubts.append(
-            f"the noise is not said; {size} {sensor.unit} differ from sample to sample, and the channel "
-            f"spreads by {spread:.3g}: what the model leaves is in between"
+            f"the noise is not stated; {size} {sensor.unit} differ from sample to sample, and the "
+            f"channel spreads by {spread:.3g}: the residuals of the model lie in between"
         )
         low, high = least / NOISE_PRIOR_FACTOR, max(most * NOISE_PRIOR_FACTOR, spread)
         sigma = f"{{prior: log_uniform, low: {low:.3g}, high: {high:.3g}}}}}"
@@ -272,11 +272,11 @@ def _voltage(context: DraftContext) -> list[str]:
         doubt = (
             "no column is a voltage. Write the supply here, in V: a number if it was constant, else "
             "`{column: ..., unit: V, hold: zero}`; `bayesdrill check` asks for it. If the motion of the "
-            "gearbox was imposed, say `--rig driven_shaft`; if a torque drives it, `--rig motor`"
+            "gearbox was imposed, use `--rig driven_shaft`; if a torque drives it, `--rig motor`"
         )
         return [*review([doubt], 2), ASKED_VOLTAGE]
     if known := constant_voltages(context):
-        doubts = [f"{v.name} is the same in every row, taken as there from the start on"]
+        doubts = [f"{v.name} is the same in every row; it is taken as constant from the start"]
         entry = [f"  v: {known[context.lead.label]}"]
     else:
         voltages = [record.roles.v for record in context.records]

@@ -87,7 +87,7 @@ def examine(path: Path, given: GivenFacts) -> list[RecordFile]:
             if time.t[begin] < time.t[(first + last) // 2]:  # the time starts again
                 back = f"{table.where(begin)} ({time.t[last - 1]:.6g} s to {time.t[begin]:.6g} s)"
                 message = f"time goes back at {back}: {len(parts)} records in one file? "
-                raise InputError.at(str(path), message + "Say --split for an experiment of each")
+                raise InputError.at(str(path), message + "Use --split for an experiment of each")
         return [_understand(path, columns, time, unused, given)]
     for begin, end in parts:
         cut = [dataclasses.replace(column, values=column.values[begin:end]) for column in columns]

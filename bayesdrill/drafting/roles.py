@@ -83,10 +83,10 @@ def assign_roles(
             doubt = f"{sources} turn as {abs(ratio):.4g}:1 by their units; check them, or the gear"
     elif math.isnan(ratio):
         doubt = "no two columns tell the gear; it is taken as 1:1"
-        doubt += ", so that the motor's parameters are those behind it. Say `--gear 14` for 14:1"
+        doubt += ", so that the motor's parameters are those behind it. Use `--gear 14` for 14:1"
     else:
         value = abs(ratio)
-        doubt = f"the gear is not said; {sources} turn as {value:.5g}:1"
+        doubt = f"the gear ratio is not stated; {sources} turn as {value:.5g}:1"
     channels: dict[str, DraftChannel] = {}
     for sensor in [*turning, *(sensor for sensor in sensors if sensor.kind == "current")]:
         name, measures = _channel_name(sensor, -value if ratio < 0 else value)
@@ -134,7 +134,7 @@ def _inputs(
         voltages.sort(key=_voltage_rank)
         inputs["v"] = _first(voltages, "voltage", unused)
         if others := ", ".join(s.name for s in voltages[1:] if not s.column.meaning.is_setpoint):
-            doubt = f"{others} may be the voltage as well: this one is called most like it"
+            doubt = f"{others} may be the voltage as well: the name of this column is closest"
             inputs["v"] = inputs["v"].revised(doubt=doubt)
     if "t_1" in rig.inputs:
         unlocated = [torque.name for torque in torques if torque.location == ""]
@@ -170,7 +170,7 @@ def _first(sensors: Sequence[Sensor], what: str, unused: dict[str, str]) -> Sens
         why = f"is not needed: the {what} is taken from {sensors[0].name}"
         if what == "voltage" and len(sensor.column.meaning.kind_word) == 1:
             why = f"looks like a voltage by its name, and {sensors[0].name} is taken as the voltage; if "
-            why += f'it is a speed say --columns "{sensor.column.command}=w_1 [rad/s]" or v_cart [mm/s]'
+            why += f'it is a speed use --columns "{sensor.column.command}=w_1 [rad/s]" or v_cart [mm/s]'
         unused[sensor.name] = why
     return sensors[0]
 
@@ -186,7 +186,7 @@ def _with_locations(turning: Sequence[Sensor]) -> list[Sensor]:
         free, because = GEARBOX if rotor else ROTOR, "the other end has a column of its own"
     elif twist:
         because = "the twist is counted from there"
-    doubt = f"which end of the shaft is not said; taken as {free}, as {because}"
+    doubt = f"the end of the shaft is not stated; taken as {free}, as {because}"
     firsts = {sensor.kind: sensor for sensor in reversed(turning) if not sensor.location}
     return [
         s.revised(location=free, doubt=doubt) if s is firsts.get(s.kind) else s for s in turning

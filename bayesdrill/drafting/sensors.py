@@ -44,7 +44,7 @@ def identify_sensors(
             known.append(_with_unit(sensor, [*sensors, *known], dt))
         else:
             why = f"{'its name does not say' if sensor.name else 'nothing says'} what it measures"
-            why += ", and it is no derivative of another column"
+            why += ", and it is not the derivative of another column"
             unused[sensor.name] = f"({sensor.column.range_text}): {why}"
     moving = [s for s in known if s.kind not in DRIVES and s.location != TWIST]
     both_ways = any(signals.reverses(sensor, signals.CLEAR_REVERSAL_RATIO) for sensor in moving)
@@ -146,7 +146,7 @@ def _resolve(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Senso
             revised = revised.revised(why=f"{relation}, as it should be")
         else:
             also = ", or in degrees" if unit[:3] == "rad" else ", or in radians"
-            doubt = f"no unit is said; {relation}, as in {pair_units[0]} and {pair_units[1]}"
+            doubt = f"no unit is stated; {relation}, as in {pair_units[0]} and {pair_units[1]}"
             revised = revised.revised(doubt=doubt + also if ambiguous else doubt)
         if location and not sensor.location:
             revised = revised.revised(doubt=f"taken to be where {other.name} is")
@@ -181,7 +181,7 @@ def _by_twist(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
     fitting = signals.units_by_factor(factor, twist.unit, rotor.unit)
     if share < 0.8 or not fitting or (len(fitting) > 1 and not (twist.unit or rotor.unit)):
         return list(sensors)
-    doubt = f"no unit is said; the derivative of {twist.name} is {factor:.3g} times {rotor.name}"
+    doubt = f"no unit is stated; the derivative of {twist.name} is {factor:.3g} times {rotor.name}"
     doubt += f" less a part of {other.name}, as in {fitting[0][0]} and {fitting[0][1]}"
     new = dict(zip((id(twist), id(rotor)), fitting[0], strict=True))
     return [
@@ -200,17 +200,17 @@ def _with_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> Sensor:
     if sensor.kind in TURNS:
         for other in sensors:
             if other.kind == sensor.kind and other.unit:
-                doubt = f"no unit is said; taken as that of {other.name}"
+                doubt = f"no unit is stated; taken as that of {other.name}"
                 return sensor.revised(unit=other.unit, doubt=doubt)
     unit, reason = _guess_unit(sensor, sensors, dt)
-    return sensor.revised(unit=unit, doubt=f"no unit is said; {unit}, {reason}", guessed=True)
+    return sensor.revised(unit=unit, doubt=f"no unit is stated; {unit}, {reason}", guessed=True)
 
 
 def _guess_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> tuple[str, str]:
     """Return a unit guessed by a word of the head, by steps or by size, and the reason."""
     size, word = float(np.abs(sensor.values).max()), sensor.column.meaning.kind_word
     by_word = f"in which {word!r} is mostly counted"
-    by_size = f"by its size alone, up to {size:.3g}"
+    by_size = f"judged judged judged judged by its size alone, up to {size:.3g}"
     match sensor.kind:
         case "speed" if word in RPM_WORDS:
             return "rpm", by_word

@@ -61,7 +61,7 @@ def find_time(columns: Sequence[FileColumn], rate: float = 0.0, given: float = 0
     if rate:
         why = "found from an angle and its speed"
         return Timing(indices / rate, None, "s", why, "found, not read")
-    doubt = "no column is a time; 100 samples a second are a guess: say `--rate`, or write your own [Hz]"
+    doubt = "no column is a time; 100 samples a second are a guess: use `--rate`, or write your own [Hz]"
     return Timing(indices / 100.0, None, "s", "", doubt)
 
 
@@ -71,7 +71,7 @@ def _timing(column: FileColumn, why: str, doubt: str = "") -> Timing:
         step = float(np.nanmedian(np.diff(column.values)))
         rates = {u: 1 / (step * units.factor(u, "s")) for u in ("s", "ms", "us")}
         unit = min(rates, key=lambda u: abs(math.log(rates[u] / TYPICAL_RATE)))
-        text = f"no unit is said; steps of {step:.6g} {unit} make a usual sampling rate"
+        text = f"no unit is stated; steps of {step:.6g} {unit} make a usual sampling rate"
         doubt = f"{doubt}; {text}" if doubt else text
     return Timing(column.values * units.factor(unit, "s"), column, unit, why, doubt)
 
@@ -374,7 +374,7 @@ def read_sensor(
         period, period_unit = _wrap_period(x, unit)
         if period and not unit:
             unit = period_unit
-            doubt = f"no unit is said; {unit}, as it begins again after {period:.6g}"
+            doubt = f"no unit is stated; {unit}, as it begins again after {period:.6g}"
         x = anomalies.unwrap(x, period)[0] if period else x
     if kind in (*TURNS, "current"):
         spikes = anomalies.spikes(x, jumped[known], inert=kind in TURNS)
@@ -412,7 +412,7 @@ def _why_unusable(column: FileColumn, rows: slice) -> str:
     numbers = values[np.isfinite(values)]
     second = "another column is the time already, or it does not increase"
     largest, same = np.abs(numbers).max(initial=0.0), not np.diff(numbers).any()
-    other = f'does not say how far one of it turns; say --columns "{column.command}=theta_2 '
+    other = f'does not say how far one of it turns; use --columns "{column.command}=theta_2 '
     other += '[count/2800]" for 2800 counts a turn, or "x_cart [count/(560/cm)]" of a scale'
     if kind not in TURNS:
         other = "is none of time, angle, speed, voltage, current or torque"

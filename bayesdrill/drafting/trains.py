@@ -112,7 +112,7 @@ def _inputs(
         match = _symbol(sensor)
         at = match[2] if match else inertias[0] if inertias else "inertia_1"
         if match is None and sensor.column.meaning.is_setpoint:
-            unused[sensor.name] = "was asked for, and need not have happened"
+            unused[sensor.name] = "is a set point, and the rig need not have followed it"
         elif at not in drives:
             drives[at], inputs[f"{letter}_{at}"] = kind, sensor
         elif sensor.kind == "current" and drives[at] == "voltage":

@@ -70,7 +70,7 @@ def impossible_formulas(problem: Problem) -> dict[str, str]:
         if not len(x):
             reasons[name] = (
                 f"'{text}' is no number at any of {_N_PRIOR_DRAWS} draws from the priors; "
-                "mend the formula"
+                "correct the formula"
             )
         elif x.max() > _LARGEST:
             reasons[name] = (

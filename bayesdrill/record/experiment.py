@@ -214,12 +214,12 @@ def check_series(
     width = float(np.ptp(numbers)) if len(numbers) and not len(bad) else 0.0
     if len(bad):
         count = f"{count_noun(len(bad), 'value')} without a number, {_rows(bad, where)}"
-        message = f"{what} has {count}; mend or cut these rows{instead}"
+        message = f"{what} has {count}; correct or cut these rows{instead}"
     elif varying and len(values) and not len(numbers):
         message = f"{what} has no number that is used; check missing samples, masks and windows"
     elif len(beyond):
         count = f"{count_noun(len(beyond), 'number')} beyond {MAX_VALUE:g}, {_rows(beyond, where)}"
-        message = f"{what} has {count}; mend or cut these rows"
+        message = f"{what} has {count}; correct or cut these rows"
     elif 0 < width < SMALLEST:
         message = f"{what} varies by {width:.3g}, which nothing measures; check the column"
     elif varying and len(numbers) > 1 and width == 0:
@@ -252,7 +252,7 @@ def check_time(location: str, t: Array, where: Callable[[int], str]) -> list[Iss
 def _why_back(t: Array, steps: Array) -> str:
     back = steps <= 0
     if np.mean(steps == 0) > MAX_REPEATED_TIMES:
-        way_out = "say time: {rate: ...} instead of the column, or export more digits"
+        way_out = "write time: {rate: ...} instead of the column, or export more digits"
         why = "so many times are repeated that they have too few digits"
         return f"{why}: {way_out}{calendar_hint(t)}"
     if np.all(steps < 0):

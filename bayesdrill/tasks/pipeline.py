@@ -271,7 +271,7 @@ def _sample(
         message = f"{error}; the record and the priors do not go together, check units and values"
         raise job.source.error(("parameters",), message) from None
     except CompressionError as error:
-        message = f"cannot be compressed: {error}; say `auto`, or leave it out"
+        message = f"cannot be compressed: {error}; write `auto`, or leave it out"
         raise job.source.error(("sampler", "likelihood"), message) from None
 
 

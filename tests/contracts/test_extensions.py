@@ -333,7 +333,7 @@ def test_whatever_a_package_raises_as_it_works_names_it(
     assert ended.value.exit_code == 2
     message = capsys.readouterr().err
     assert "is brought by hostile, and failed in" in message
-    assert f"hostile.py:11 ({error}); mend or remove that package" in message
+    assert f"hostile.py:11 ({error}); repair or remove that package" in message
 
 
 def test_an_error_of_bayesdrill_is_blamed_on_no_package() -> None:

@@ -58,7 +58,7 @@ def test_a_model_is_fitted_away_by_itself_and_refused_as_a_rival() -> None:
     squares, fits = fitted_rivals(posterior, posterior, draws, [draws[[1]], draws[[0]]])
     assert squares.max() < 1e-6
     np.testing.assert_allclose(fits, draws, rtol=1e-4)
-    with pytest.raises(bd.InputError, match="nothing tells both apart"):
+    with pytest.raises(bd.InputError, match="nothing distinguishes the two"):
         case.design(tell=case, high=12.0, hold=0.5, duration=1.0, draws=1)
 
 
@@ -69,4 +69,4 @@ def test_a_rival_needs_the_same_channels_and_no_targets(tmp_path: Path) -> None:
         two().design(tell=fewer, draws=1)
     command = ("design", config, "--tell", config)
     assert_refused(cli(*command, "--learn", "k_e"), "give one of both")
-    assert_refused(cli(*command, "--draws", "1"), "nothing tells both apart")
+    assert_refused(cli(*command, "--draws", "1"), "nothing distinguishes the two")

@@ -148,10 +148,12 @@ def test_every_guess_is_marked_and_what_the_record_says_is_not(tmp_path: Path) -
         begin = next(k for k in range(last - 1, -1, -1) if "#" not in lines[k][:6])
         return " ".join(lines[begin + 1 : last])
 
-    assert "REVIEW: no unit is said; the derivative of phi_Rotor_deg is 6 times" in above("w_1:")
-    assert "no unit is said" not in above("theta_1:")
-    assert "REVIEW: the noise is not said" in above("theta_1:")
-    assert "REVIEW: the gear is not said; n_Motor and n_Rotor turn as 5:1" in above("model:")
+    assert "REVIEW: no unit is stated; the derivative of phi_Rotor_deg is 6 times" in above("w_1:")
+    assert "no unit is stated" not in above("theta_1:")
+    assert "REVIEW: the noise is not stated" in above("theta_1:")
+    assert "REVIEW: the gear ratio is not stated; n_Motor and n_Rotor turn as 5:1" in above(
+        "model:"
+    )
     assert "REVIEW" in above("v:")
     assert "REVIEW" not in above("time:")
 

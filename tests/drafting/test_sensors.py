@@ -32,7 +32,7 @@ def test_the_derivative_of_an_angle_tells_both_units(
     }
     draft = draft_of(write_table(tmp_path / "r.csv", columns))
     assert channels_of(draft) == {"theta_2": ("position", angle), "w_2": ("velocity", speed)}
-    assert "which end of the shaft is not said" in draft["words"]
+    assert "the end of the shaft is not stated" in draft["words"]
 
 
 @run_cases("unit", ["rpm", "rad/s"])

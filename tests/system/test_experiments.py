@@ -286,9 +286,10 @@ AWAY = ", held_out: true"
 @run_cases(
     "old, new, message",
     [
-        ("[offset_w_1]", "[]", "nothing tells offset_w_1 of fast; give a number, or add it to "
-         "`shared:`"),
-        ("[offset_w_1]", "[offset_w_1]\nown: [k_s]", "nothing tells k_s of fast, which is held out"),
+        ("[offset_w_1]", "[]", "no fitted record determines offset_w_1 of fast; give a "
+         "number, or add it to `shared:`"),
+        ("[offset_w_1]", "[offset_w_1]\nown: [k_s]",
+         "no fitted record determines k_s of fast, which is held out"),
         (AWAY, f"{AWAY}}}\n  more: {{held_out: 3", "experiments.more.held_out"),
         ("{v: 5.0}}", f"{{v: 5.0}}{AWAY}}}", "all are held out; leave one to be fitted"),
     ],

@@ -61,13 +61,13 @@ def start_beyond_lags(
         before = measured & (t < experiment.t_start + last + highest_lag) & moves
         after = measured & (t > t[-1] + first + lowest_lag + 1e-9 * experiment.dt) & (first < 0.0)
         for undetermined, origin in (
-            (before, "was before the start (lag)"),
-            (after, "an input did after the end of the record (lag)"),
+            (before, "the motion before the start (lag)"),
+            (after, "the effect of an input after the end of the record (lag)"),
         ):
             if undetermined.any():
                 y[undetermined, k] = np.nan
                 count = f"{channel.name}: {int(undetermined.sum())} samples"
-                notes.append(f"{count} are left out, as they may show what {origin}")
+                notes.append(f"{count} are left out, as they may show {origin}")
     if len(notes) == len(experiment.told):
         return experiment
     return dataclasses.replace(experiment, y=frozen(y), told=tuple(notes))

@@ -156,7 +156,7 @@ def _check_hidden(
             location = delays[0] if delays else ("record", "channels", name, "lag")
             hidden.setdefault(location, []).append(name)
     for location, names in hidden.items():
-        lost = f"with so large a lag no sample of {', '.join(names)} is sure to be later"
+        lost = f"with a lag this large no sample of {', '.join(names)} certainly follows the start"
         way_out = "give the lag a prior with a smaller end"
         errors.add(location, f"the rig moves at the start, and {lost}; {way_out}")
 

@@ -123,6 +123,6 @@ def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
         if abs(size) > MIN_MOTION_OVER_NOISE * error and abs(size) > MIN_MOTION_SHARE * reach:
             raise ValueError(
                 f"it begins in motion ({channel.name} changes by {size:.3g} {unit} at its beginning), "
-                "and the config says nothing of it; write `initial: free`, `initial: steady`, or the "
+                "and the config does not describe it; write `initial: free`, `initial: steady`, or the "
                 "states there"
             )

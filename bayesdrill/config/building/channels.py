@@ -37,7 +37,7 @@ def check_channels(
             continue
         others = {other: spec for other, spec in channels.items() if other != name}
         at = (*location, "derived_from")
-        errors.expect(at, source, others, f"'{source}' is no other channel")
+        errors.expect(at, source, others, f"'{source}' is not another channel")
         if source in others and (first := others[source].derived_from) is not None:
             errors.add(at, f"'{source}' is itself derived from {first}; name that channel")
     return measured
@@ -74,7 +74,7 @@ def build_channel(name: str, spec: ChannelSpec, model: Model) -> Channel:
     if not name.isidentifier():
         raise ValueError(f"'{name}' cannot name a channel; use letters, digits and `_`")
     if name not in signals and name in {*words.inputs, *symbols.AXES}:
-        raise ValueError(f"{name} has a meaning of its own here; choose another name")
+        raise ValueError(f"{name} is a reserved name; choose another one")
     if spec.measures is None and name not in signals:
         for added in model.offers:
             if name in with_named(model, [added]).states:

@@ -58,7 +58,7 @@ def build_experiment(
             tied = [name for name in names if is_tied(config.parameters.get(name))]
             check_unknown(errors, config, unknown, tied)
             check_truth(errors, config, {"": local_numbers})
-    message = "there is one experiment alone; remove this entry, or add `experiments:`"
+    message = "this entry needs several experiments; remove it, or add `experiments:`"
     for key in ("shared", "own"):
         if getattr(config, key) and alone:
             errors.add((key,), message)

@@ -210,7 +210,7 @@ def _check_shared(
             message += rig if name in model.parameters else ""
             errors.expect(location, name, known_names, message)
         elif any(isinstance(value, float) for value in values):
-            message = f"{name} is held, so that nothing is unknown of it; remove it here"
+            message = f"{name} is held at a value and is not unknown; remove it here"
             errors.add(location, message)
         elif len(having) == 1:
             message = f"only {having[0]} has {name}; give it to another one, or remove it here"
@@ -237,10 +237,13 @@ def _check_held_out(errors: IssueCollector, config: Config, by_label: NumbersByL
     determined = {name for local in fitted for name in local.numbers if name in config.shared}
     for label in held_out:
         for k, name in enumerate(config.own):
-            message = f"nothing tells {name} of {label}, which is held out; remove it here"
+            message = (
+                f"no fitted record determines {name} of {label}, which is held out; remove it here"
+            )
             errors.add(("own", k), message)
         if alone := ", ".join(n for n in by_label[label].unknown if n not in determined):
-            message = f"nothing tells {alone} of {label}; give a number, or add it to `shared:`"
+            undetermined = f"no fitted record determines {alone} of {label}"
+            message = f"{undetermined}; give a number, or add it to `shared:`"
             errors.add(("experiments", label, "held_out"), message)
 
 

@@ -46,9 +46,11 @@ def free_states(config: Config, model: Model) -> tuple[str, ...]:
 def check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
     """Check a steady start: inputs determine it, but for a single angle that may be named."""
     if not model.smooth:
-        how = "rubs turns steadily, or sticks" if model.frictions else "swings comes to rest"
+        how = (
+            "has friction turns steadily, or sticks" if model.frictions else "swings comes to rest"
+        )
         how = how if model.frictions or model.gravities else "may saturate comes to rest"
-        where = f"where a rig that {how}, is not worked out"
+        where = f"the state in which a rig that {how} is not computed"
         errors.add(("initial",), f"{where}; write `initial: free`, or the states there")
         return
     named = [name for name in model.states if name in config.initial.model_fields_set]

@@ -52,8 +52,8 @@ def _check_required(errors: IssueCollector, config: Config, model: Model) -> Non
             input_names = ", ".join(dict.fromkeys(entries)) or "none"
             having = ((name, *needs) for name, needs in model.offers.items())
             needed = next((n for n in having if entry in with_named(model, n).inputs), ())
-            also = f", or name {' and '.join(needed)}, with which it has it" if needed else ""
-            also = f"remove it (its own: {input_names}){also}"
+            also = f", or name {' and '.join(needed)}, which adds this input" if needed else ""
+            also = f"remove it (its inputs: {input_names}){also}"
             errors.add(("inputs", entry), f"the model {model.name} has no such input; {also}")
     for name in model.inputs:
         angle = ("inputs", words.imposed.get(name, name))
@@ -64,14 +64,14 @@ def _check_required(errors: IssueCollector, config: Config, model: Model) -> Non
 
 def _missing_message(config: Config, name: str) -> str:
     if name in config.inputs.model_fields_set:
-        return "nothing is not a number; write the value itself"
+        return "this entry is empty; write the value itself"
     if name == "v":
         return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
     symbol, angle = config.vocabulary.inputs[name], config.vocabulary.imposed.get(name)
     what = "angle" if symbol.unit == SPEED_UNITS["rad"] else "position"
     other = f" (or `{angle}:`, the {what})" if angle else ""
     way_out = f"give a number in {symbol.plain_unit}, or `{{column: ..., unit: ...}}`{other}"
-    return f"missing: the model wants the {symbol.meaning}; {way_out}"
+    return f"missing: the model needs the {symbol.meaning}; {way_out}"
 
 
 def _check_angles(errors: IssueCollector, config: Config) -> None:
@@ -81,14 +81,14 @@ def _check_angles(errors: IssueCollector, config: Config) -> None:
         if spec is None:
             continue
         if config.inputs.get(name) is not None:
-            message = f"{name} is what it says as well; remove one of the two"
+            message = f"{name} gives the same input; remove one of the two"
             errors.add(("inputs", entry), message)
         if entry in config.initial.model_fields_set:
-            message = "the angle that is imposed begins at its first sample; remove this entry"
+            message = "the imposed angle starts at its first sample; remove this entry"
             errors.add(("initial", entry), message)
         for kind in numbers.SensorFields.model_fields:
             if getattr(spec, kind) is not None:
-                message = "all else is measured against the angle that is imposed; remove this"
+                message = "all other angles are measured from the imposed angle; remove this"
                 errors.add(("inputs", entry, kind), f"{message}, or give `{name}:`, its speed")
 
 

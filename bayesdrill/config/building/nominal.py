@@ -61,7 +61,7 @@ def nominal_table(config: Config, config_values: Mapping[str, float]) -> Nominal
     known = config.vocabulary.parameters
     shared = {n: x for n, x in published_values.items() if known.get(n) == symbols.PARAMETERS[n]}
     if given.table is not None and not shared:
-        raise ValueError(f"{table} is a table of another rig; remove this entry")
+        raise ValueError(f"{table} is the table of another rig; remove this entry")
     values = {**shared, **config_values}
     given_parameters = config.parameters
     used = {n for n in values if (s := given_parameters.get(n)) == "nominal" or is_relative(s)}

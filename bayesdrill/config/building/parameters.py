@@ -277,7 +277,7 @@ def _check_values(
             errors.add(
                 ("parameters", name),
                 f"'{relation.text}' is {values[k]:.3g} at {100 * np.mean(~good):.3g} % of what the "
-                f"priors allow, and must be positive (and at most {upper_limit:g}); mend the "
+                f"priors allow, and must be positive (and at most {upper_limit:g}); correct the "
                 "formula or narrow the priors",
             )
     return named

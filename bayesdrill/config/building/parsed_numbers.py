@@ -46,7 +46,7 @@ def build_prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
     values, positive = spec.numbers, spec.families is PRIORS
     if "low" in values and not values["low"] < values["high"]:
         ends = f"low {values['low']:g} is not below high {values['high']:g}"
-        raise ValueError(f"{ends}; exchange or mend them")
+        raise ValueError(f"{ends}; exchange or correct them")
     if positive and "mean" in values and values["mean"] < -_MAX_TRUNCATION * values["sd"]:
         below = f"mean {values['mean']:g} lies more than {_MAX_TRUNCATION} sd below zero"
         nothing = "nothing of the prior is left; all unknowns are positive"
@@ -57,7 +57,7 @@ def build_prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
     with np.errstate(all="ignore"):
         low, middle, high = built.quantile(np.array([0.01, 0.5, 0.99]))
     if not high - low > MIN_RELATIVE_WIDTH * abs(middle):
-        way_out = "hold the value as a number, or mend the prior"
+        way_out = "hold the value as a number, or correct the prior"
         raise ValueError(f"{built.describe()}: nearly all of it is at {middle:.6g}; {way_out}")
     return built
 

@@ -53,7 +53,7 @@ def _check_name(config: Config, name: str) -> None:
     words = config.vocabulary
     taken_names = (words.parameters, words.signals, words.inputs, symbols.DERIVED)
     if name in {*RESERVED, *symbols.AXES}.union(*taken_names) or name.startswith("sigma_"):
-        raise ValueError(f"{name} has a meaning of its own here; choose another name")
+        raise ValueError(f"{name} is a reserved name; choose another one")
 
 
 def formula_names(config: Config, model: Model) -> tuple[str, ...]:

@@ -127,8 +127,8 @@ def parse_sensor_number(entry: SensorEntry) -> ParsedNumber:
     low, high = ends_of(value, 1e-6)
     if entry.kind == "gain" and low <= 0 <= high:
         raise ValueError(
-            "a gain of zero shows nothing; keep its prior on one side of zero, such as `prior: "
-            "log_normal, median: 1, sd_log: 0.02`"
+            "a channel with a gain of zero shows nothing; keep its prior on one side of zero, "
+            "such as `prior: log_normal, median: 1, sd_log: 0.02`"
         )
     role: Role = "start" if entry.kind == "state" else "sensor"
     return ParsedNumber(
@@ -141,13 +141,15 @@ def _check_ineffective(errors: IssueCollector, config: Config) -> None:
     for name, spec in config.record.channels.items():
         for kind in numbers.SensorFields.model_fields if spec.derived_from is not None else ():
             if getattr(spec, kind) is not None:
-                evidence = f"{name} is derived from {spec.derived_from}, and no evidence"
+                evidence = (
+                    f"{name} is derived from {spec.derived_from}, so it is not used as evidence"
+                )
                 errors.add(("record", "channels", name, kind), f"{evidence}; remove this")
     for name in config.vocabulary.inputs:
         input_spec = config.inputs.get(name)
         is_zero = isinstance(input_spec, InputQuantity) and input_spec.value == 0
         if is_zero and input_spec.gain is not None:
-            message = "a gain of nothing changes nothing; give `offset:`, or another value"
+            message = "a gain has no effect on an input of zero; give `offset:`, or another value"
             errors.add(("inputs", name, "gain"), message)
 
 

@@ -52,7 +52,7 @@ def check_unknown(
         errors.run(location, optimiser(config).check, list(unknown))
     sampler, n_unknown = config.sampler, len(unknown)
     if not unknown:
-        errors.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
+        errors.add(("parameters",), "no parameter is unknown; give at least one a prior")
     else:
         if sampler.walkers % 2 or sampler.walkers < 2 * n_unknown:
             wanted = f"an even number, at least twice the {n_unknown} unknowns, is wanted"

@@ -62,7 +62,7 @@ def row_mask(sources: Sources, location: Location, spec: Series, clock: Clock) -
         if not in_span.any():
             message = (
                 f"no sample lies from {first:g} to {last:g}{unit}: those that are used go from "
-                f"{values[0]:g} to {values[-1]:g}{unit}; mend the two, the smaller first, or remove them"
+                f"{values[0]:g} to {values[-1]:g}{unit}; correct both, the smaller first, or remove them"
             )
             sources.add((*location, "mask", entry, k), message)
         masked_rows |= in_span

@@ -195,7 +195,9 @@ class _Reader:
         if count == 0:
             self._sources.add(location, "no sample lies in it; give times of the record [s]")
         elif np.isnan(y).all(axis=0).any():
-            self._sources.add(location, "leaves nothing of a channel; hold less out")
+            self._sources.add(
+                location, "leaves no fitted sample of a channel; hold fewer samples out"
+            )
         self._sources.notes.append(f"{count} samples are held out, and are no evidence")
         return held_out
 

@@ -108,7 +108,7 @@ def _check_read_back(
         for name, values in columns:
             allowed = READ_BACK_TOLERANCE * np.ptp(values)
             if not np.allclose(table.pick(name), values, rtol=0, atol=allowed):
-                raise InputError.at("", f"column {name!r} would come out otherwise")
+                raise InputError.at("", f"column {name!r} would be read back with other values")
     except InputError as error:
         first = error.problems[0].message
         message = f"the record could not be read as this config reads it: {first}"

@@ -289,14 +289,14 @@ def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) ->
     """Return why a record cannot be decimated, with a way out; empty if it can."""
     rows = len(experiment.t)
     if filtered and not experiment.uniform:
-        way_out = "remove `decimate:`, say `filter: false`, or cut the record at gaps"
+        way_out = "remove `decimate:`, write `filter: false`, or cut the record at gaps"
         return f"a filter needs equal time steps, and these are not; {way_out}"
     if filtered and not experiment.seen.all():
         k = int(np.argmin(experiment.counts))
         return (
             f"a filter needs every sample, and {rows - experiment.counts[k]} of "
             f"{experiment.names[k]} are missing, masked or outside the windows; remove "
-            "`decimate:`, say `filter: false`, or name one window without them"
+            "`decimate:`, write `filter: false`, or name one window without them"
         )
     available = rows if filtered else min(experiment.counts)
     need = (clocks.filter_length(factor) if filtered else 1) + (MIN_SAMPLES - 1) * factor

@@ -56,8 +56,12 @@ class MissingTorqueSpec(Strict):
     """The inertia on which it acts; at the motor, on its own side of the gear."""
     smoothness: Literal["1/2", "3/2"] = "3/2"
     """Of Matern: 1/2 jumps about, 3/2 has a rate."""
-    size: SigmaSpec = Field(description="Its standard deviation [N m]: a number or a prior.")
-    time: SigmaSpec = Field(description="After which it is forgotten [s]: a number or a prior.")
+    size: SigmaSpec = Field(
+        description="Standard deviation of the torque [N m]: a number or a prior."
+    )
+    time: SigmaSpec = Field(
+        description="Time after which the torque is forgotten [s]: a number or a prior."
+    )
 
 
 Searches = Annotated[int, Field(ge=1, le=1000)]
@@ -67,9 +71,13 @@ MAX_PIECES = 1000  # per sample; by default at most 64 are taken
 class DerivedSpec(Strict):
     """A derived quantity is a formula of parameters and quantities, computed for every draw."""
 
-    formula: str = Field(description="Of parameters and quantities, such as sqrt(k_s/j_1).")
+    formula: str = Field(
+        description="A formula of parameters and quantities, such as sqrt(k_s/j_1)."
+    )
     unit: str = "1"
-    latex: Latex | None = Field(None, description="How figures write it, without dollars.")
+    latex: Latex | None = Field(
+        None, description="The symbol in figures, in LaTeX without dollars."
+    )
 
 
 @with_member_entries("name", MODELS.usable())
@@ -162,7 +170,7 @@ class MapSpec(Strict):
     method: str = Field("nelder_mead", description="The optimiser.")
     starts: Searches = 4
     """The first is the configured one, the rest from the prior."""
-    evaluations: Count = Field(8000, description="The most that one start may spend.")
+    evaluations: Count = Field(8000, description="The largest number of evaluations of one start.")
 
 
 class SamplerSpec(Strict):

@@ -97,7 +97,9 @@ class QuantityPrior(ParameterPrior):
 
     unit: str
     """Unit of the prior's numbers, such as Pa or mm; 1 for a pure number."""
-    latex: Latex | None = Field(None, description="How figures write it, without dollars.")
+    latex: Latex | None = Field(
+        None, description="The symbol in figures, in LaTeX without dollars."
+    )
 
 
 class SensorPrior(PriorSpec):

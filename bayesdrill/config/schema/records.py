@@ -86,7 +86,7 @@ FileEntry = Annotated[
 class MaskSpec(Strict):
     """A mask lists the samples of one column that are not used."""
 
-    glitches: bool = Field(False, description="Spikes, as `check` lists them.")
+    glitches: bool = Field(False, description="Leave out the spikes that `check` lists.")
     rows: Annotated[list[Rows], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
     """From and to: rows by the numbers that messages give."""
     times: Annotated[list[Window], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
@@ -120,7 +120,7 @@ class TimeColumn(ColumnSpec):
     scale: Positive | None = Field(
         None, description="Multiplies all times: below 1 for a clock that runs fast; default: 1."
     )
-    offset: Number | None = Field(None, description="Is added to all times, in their unit.")
+    offset: Number | None = Field(None, description="Added to all times, in their unit.")
 
 
 class TimeRate(Strict):
@@ -139,8 +139,8 @@ TimeSpec = Annotated[
 class Series(ColumnSpec, SensorFields):
     """A series is a column of the record's file, or of another one with its own times."""
 
-    file: FileEntry | None = Field(None, description="Default: that of the record.")
-    time: TimeSpec | None = Field(None, description="Default: as for the record.")
+    file: FileEntry | None = Field(None, description="Default: the entry of the record.")
+    time: TimeSpec | None = Field(None, description="Default: the entry of the record.")
     mask: MaskEntry | None = Field(None, description="Samples that are not used.")
 
 
@@ -162,7 +162,7 @@ class InputColumn(Series):
 class AngleColumn(InputColumn):
     """An imposed angle is a measured input."""
 
-    hold: Literal["first"] = Field("first", description="It is straight between samples.")
+    hold: Literal["first"] = Field("first", description="The input is linear between samples.")
     wraps: WrapsEntry | None = None
     """It begins again: `true` after a turn, or after so much [unit]."""
 
@@ -241,7 +241,9 @@ class InputQuantity(Quantity):
     """A constant input has a value, and may have a gain and an offset."""
 
     gain: SensorSpec | None = None
-    offset: SensorSpec | None = Field(None, description="In its unit: a number or a prior.")
+    offset: SensorSpec | None = Field(
+        None, description="The value in its unit: a number or a prior."
+    )
 
 
 InputSpec = Annotated[

@@ -63,7 +63,7 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
 
     head = read_bytes(path, 16)
     if head.startswith(b"MATLAB 7.3"):
-        message = "is a MATLAB file; give it the ending .mat, or say the format: mat"
+        message = "is a MATLAB file; give it the ending .mat, or write format: mat"
         raise InputError.at(str(path), message)
     table = RecordTable(path=path)
     # `table.speed` is a field of `table`, or a name with a point in it.

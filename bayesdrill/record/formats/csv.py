@@ -295,7 +295,7 @@ def parse(body: TextLines, dialect: Dialect, names: Sequence[str]) -> Array:
         if part is None:
             part = _parse_carefully(chunk, dialect, names, ragged, bad)
         parts.append(part)
-    mend = "mend the rows or remove them, or check delimiter and decimal"
+    mend = "correct the rows or remove them, or check delimiter and decimal"
     problems = ragged.report(body.path, mend)
     if bad.count:
         advice = "; ".join(advice_of_cells(bad.cells)) or _cell_advice(bad, dialect)
@@ -329,7 +329,7 @@ def _parse_carefully(
     for i, line in enumerate(lines.texts):
         row = split(line, dialect.separator)
         if len(row) != len(names):
-            ragged.add(lines.location(i), f"{len(row)} cells where {len(names)} are due")
+            ragged.add(lines.location(i), f"{len(row)} cells where {len(names)} are expected")
             continue
         for j, cell in enumerate(row):
             value = to_number(cell, dialect.decimal)
@@ -343,7 +343,7 @@ def _parse_carefully(
 
 
 def _cell_advice(bad: _Faults, dialect: Dialect) -> str:
-    advice = "mend the cells, or leave them empty where a sample is missing"
+    advice = "correct the cells, or leave them empty where a sample is missing"
     if any("," in problem.message for problem in bad.first) and dialect.decimal == ".":
         return f"{advice}; if the comma is the decimal mark set decimal: ','"
     if dialect.decimal == "," and any("." in problem.message for problem in bad.first):
@@ -439,7 +439,7 @@ def _split_header(
         return None, lines
     if wanted is None and numeric:
         message = f"mixes numbers and text such as {short(words[0])}; "
-        message += "say header: true if it names the columns, or mend the cell"
+        message += "write header: true if it names the columns, or correct the cell"
         if len(lines.texts) > 1 and all(_census(line, dialect)[1] for line in lines.texts):
             message = "each line begins with a name: the table lies on its side; transpose it"
         raise InputError.at(lines.location(0), message)
@@ -480,9 +480,11 @@ def _names(
     names = _header_cells(header, dialect, width)
     if (count := len(names)) == width:
         return keys_of(names)
-    why = "if it is a title, set skip_rows to begin below it, else check delimiter and decimal"
+    why = "if it is a title, set skip_rows to begin below it; otherwise check delimiter and decimal"
     if other := [mark for mark in ",;\t|" if len(split(header, mark)) == width > 1]:
-        why = f"its names stand between {other[0]!r}, the numbers do not; write both the same way"
+        why = (
+            f"its names are separated by {other[0]!r}, unlike the numbers; write both the same way"
+        )
     elif dialect.separator == "," and count > 1 and width in (2 * count, 2 * count - 1):
         why = "if the numbers have decimal commas, export them with ; between the columns"
     elif width == count + 1 and count > 1:

@@ -33,7 +33,9 @@ FRC_COLUMNS = (
 def read(path: Path) -> RecordTable:
     """Read all numbers of a JSON file; columns have dotted names, as in `entries.position`."""
     table, text = RecordTable(path=path), decode(path)
-    with report_damage(str(path), "cannot be read as JSON ({}); write it again, or mend the line"):
+    with report_damage(
+        str(path), "cannot be read as JSON ({}); write it again, or correct the line"
+    ):
         _walk("", _parse(text), table)
     return table
 

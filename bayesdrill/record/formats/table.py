@@ -58,7 +58,7 @@ class RecordTable:
         lines = None if self.lines is None else self.lines[part]
         values = {name: x[part] for name, x in self.variables.items()}
         if not any(map(len, values.values())):
-            raise ValueError(f"has no rows from {rows[0]} to {rows[1]}; mend `rows:`")
+            raise ValueError(f"has no rows from {rows[0]} to {rows[1]}; correct `rows:`")
         return dataclasses.replace(self, variables=values, lines=lines)
 
     def pick(
@@ -199,9 +199,9 @@ def _neighbour(path: Path) -> str:
 
 _MAGIC = {
     b"PK\x03\x04": "is a spreadsheet or zip archive; export it as CSV",
-    b"MATLAB": "is a MATLAB file; give it the ending .mat, or say the format: mat",
+    b"MATLAB": "is a MATLAB file; give it the ending .mat, or write format: mat",
     b"\x89HDF": "is an HDF5 file; give it the ending .h5, or .mat if MATLAB wrote it",
-    b"PAR1": "is a Parquet file; give it the ending .parquet, or say the format: parquet",
+    b"PAR1": "is a Parquet file; give it the ending .parquet, or write format: parquet",
     b"\xd0\xcf\x11\xe0": "is a spreadsheet (.xls); export it as CSV",
     b"\x93NUMPY": "is a NumPy array; save it with numpy.savez('run.npz', t=t, w_1=w_1)",
     b"version https://git-lfs": "is a pointer of Git LFS, not the file; run git lfs pull",
@@ -227,7 +227,7 @@ def decode(path: Path) -> str:
     odd = re.search(r"[\x00-\x08\x0e-\x19\x1b-\x1f]", text)
     line = text.count("\n", 0, odd.start()) + 1 if odd else 0
     if line > _LINES_OF_TEXT:
-        message = "holds bytes that are no text, as where writing was cut; remove them"
+        message = "holds bytes that are not text, as after an interrupted write; remove them"
         raise InputError.at(f"{path} line {line}", message)
     if odd:
         raise InputError.at(str(path), "is a binary file, not text; export it as CSV in UTF-8")

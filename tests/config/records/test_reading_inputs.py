@@ -41,8 +41,8 @@ parameters: {j_m: {prior: uniform, low: 1, high: 9}, c_m: 0.1}
             "{t_m: {column: torque, unit: mN*m}}",
             "{v: 8}",
             [
-                "inputs.t_m: missing: the model wants the torque that the motor is driven with",
-                "inputs.v: the model motor has no such input; remove it (its own: t_m), or name k_e",
+                "inputs.t_m: missing: the model needs the torque that the motor is driven with",
+                "inputs.v: the model motor has no such input; remove it (its inputs: t_m), or name k_e",
             ],
         ),
         (
@@ -54,7 +54,7 @@ parameters: {j_m: {prior: uniform, low: 1, high: 9}, c_m: 0.1}
             "j_m: {",
             "k_e: 0.1, k_T: 0.1, r_m: 1, l_m: 1, j_m: {",
             [
-                "inputs.t_m: the model motor has no such input; remove it (its own: v)",
+                "inputs.t_m: the model motor has no such input; remove it (its inputs: v)",
                 "inputs.v: this entry is missing",
             ],
         ),
@@ -155,4 +155,4 @@ def test_init_names_a_rig_for_records_without_a_voltage(tmp_path: Path) -> None:
     for name in ("both", "bit"):
         bd.init(tmp_path / f"{name}.csv")
         draft = (tmp_path / f"{name}.yaml").read_text().replace("#", "")
-        assert "say `--rig driven_shaft`" in " ".join(draft.split())
+        assert "use `--rig driven_shaft`" in " ".join(draft.split())
