@@ -212,8 +212,6 @@ class Comparison(Value):
         brief = [section for section in self.report.sections if section.brief]
         return as_markdown(self.report.title, brief)
 
-    __repr__ = __str__
-
 
 Overlay = Comparison
 
