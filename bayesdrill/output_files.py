@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bayesdrill.basics.errors import InputError, Issue, encodable
+from bayesdrill.basics.errors import InputError, Issue, count_noun, encodable
 from bayesdrill.basics.registry import Registry
 
 RUN = "run.json"  # names the job that the folder belongs to
@@ -404,13 +404,15 @@ def check_record(samples: float, channels: int) -> None:
     if samples > MOST_SAMPLES or samples * channels > MOST_MEASURED:
         most = f"at most {MOST_SAMPLES} samples and {MOST_MEASURED} numbers are taken"
         way_out = "resample to a lower rate, or shorten the record"
-        raise ValueError(f"{samples:.6g} samples of {channels} channels; {most}: {way_out}")
+        raise ValueError(
+            f"{samples:.6g} samples of {count_noun(channels, 'channel')}; {most}: {way_out}"
+        )
 
 
 def check_guessed(samples: int, columns: int) -> None:
     """Raises `ValueError` with a message for the user."""
     if samples > MOST_GUESSED or columns > MOST_COLUMNS:
-        many = f"{samples} samples of {columns} columns are too many"
+        many = f"{samples} samples of {count_noun(columns, 'column')} are too many"
         most = f"`init` looks at {MOST_GUESSED} samples and {MOST_COLUMNS} columns at most"
         way_out = "Save the columns of the rig alone, at a lower rate or for a shorter time"
         raise ValueError(f"{many}: {most}. {way_out}, or write a config by hand")
@@ -419,7 +421,8 @@ def check_guessed(samples: int, columns: int) -> None:
 def check_chain(ensembles: int, walkers: int, unknowns: int) -> None:
     """Raises `ValueError` with a message for the user."""
     if steps_of_chain(ensembles, walkers, unknowns) < LEAST_STEPS:
-        many = f"{ensembles} ensembles of {walkers} walkers with {unknowns} unknowns are too many"
+        size = f"{walkers} walkers with {count_noun(unknowns, 'unknown')}"
+        many = f"{ensembles} ensembles of {size} are too many"
         most = f"{LEAST_STEPS} steps would be more than {MOST_OF_CHAIN} numbers"
         raise ValueError(f"{many}: {most}, all that a chain may hold. Take fewer")
 

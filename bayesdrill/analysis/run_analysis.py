@@ -33,7 +33,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import ErrorCollector
 from bayesdrill.basics.findings import Finding
-from bayesdrill.config.schema.config import Asked
+from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.inference import derived
 from bayesdrill.inference.derived import Derived, DerivedRow, product_name
 from bayesdrill.inference.posterior import Problem
@@ -222,7 +222,7 @@ class RunAnalysis:
 
 def analyse(
     run: RunDraws,
-    asked: Asked,
+    settings: IdentifySpec,
     sensitivity: SensitivityStudy,
     *,
     alone: bool = True,
@@ -235,7 +235,7 @@ def analyse(
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior
     fits = like_noise(run.fit)
-    rows, judged = conclude(problem, asked, run.mode, sampled, sensitivity, fits=fits)
+    rows, judged = conclude(problem, settings, run.seed, run.mode, sampled, sensitivity, fits=fits)
     blamed = alone and judged is not None and bool(judged.verdict.far)
     products = () if judged is None else basis(judged.study, judged.study.names)
     compared = () if judged is None else [q.exponents for q in judged.verdict.products]

@@ -26,7 +26,7 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.arguments import check_arguments
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.findings import Finding
-from bayesdrill.config.schema.config import Asked, Thresholds
+from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.sampling.ensembles import SamplingResult
@@ -214,7 +214,7 @@ def judge(
     nominal: Mapping[str, float],
     tolerance: Mapping[str, float],
     pressed: Collection[str],
-    thresholds: Thresholds,
+    thresholds: IdentifySpec,
     ends: Mapping[str, float] = MappingProxyType({}),
     *,
     fits: bool = True,
@@ -267,7 +267,7 @@ def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponent
     simple = simple[~simple[:, [name not in among for name in study.names]].any(axis=1)]
     simple = simple[np.isfinite(study.information.bounds_of(simple))]
     before = np.array([parameter.prior_sd for parameter in study.parameters])
-    best = products(study.information, before, simple, Thresholds())  # their words are not used
+    best = products(study.information, before, simple, IdentifySpec())  # their words are not used
     selected = [product.exponents for product in best if product.price < 1.0]
     for exponents in study.structure.invariants_of(among):
         if np.linalg.matrix_rank(np.array([*selected, exponents], dtype=float)) > len(selected):
@@ -289,7 +289,7 @@ class _TableComparison:
     ends: Array
     pressed: NDArray[np.bool_]
     cut: NDArray[np.bool_]
-    thresholds: Thresholds
+    thresholds: IdentifySpec
     fits: bool
 
     def shows(self, exponents: Exponents) -> bool:
@@ -404,7 +404,8 @@ def _word(row: ParameterRow, quantity: Quantity) -> Word:
 
 def conclude(
     problem: Problem,
-    asked: Asked,
+    settings: IdentifySpec,
+    seed: int,
     mode: Mode,
     sampled: SamplingResult,
     sensitivity: SensitivityStudy,
@@ -417,9 +418,9 @@ def conclude(
     best = space.vector(mode.values)
     if not any(name in problem.nominal for name in sensitivity.unknowns):
         return rows, None
-    study = study_of(sensitivity, posterior, best, asked, "the MAP")
+    study = study_of(sensitivity, posterior, best, settings, seed, "the MAP")
     draws, m = sampled.draws.reshape(-1, len(best)), len(study.names)
-    prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(asked.seed, "identify", 1))
+    prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(seed, "identify", 1))
     prior_draws = prior_draws[np.isfinite(space.log_prior(prior_draws))]
     ends = {
         name: end
@@ -434,7 +435,7 @@ def conclude(
         problem.nominal,
         problem.tolerance,
         [row.name for row in rows if row.pressed_against is not None],
-        asked.thresholds,
+        settings,
         ends,
         fits=fits,
     )

@@ -13,7 +13,7 @@ from bayesdrill.api import arguments
 from bayesdrill.api.case import Case
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.equality import Value
-from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.errors import InputError, Issue, count_noun
 from bayesdrill.config import job
 from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.rig.models.linear import Model
@@ -199,7 +199,7 @@ def _columns(
     lengths = {name: len(values) for name, values in columns.items()}
     if not issues:
         issues += [
-            Issue(name, f"{n} values, but there are {lengths[job.TIME_COLUMN]} times")
+            Issue(name, f"{count_noun(n, 'value')}, but there are {lengths[job.TIME_COLUMN]} times")
             for name, n in lengths.items()
             if n != lengths[job.TIME_COLUMN]
         ]

@@ -106,8 +106,6 @@ class Case(arguments.ExperimentPlanner, Value):
     def __str__(self) -> str:
         return words.opening(self.job.problem)
 
-    __repr__ = __str__
-
     def preview(self) -> str:
         """Return the text of `bayesdrill check`: columns, priors, sizes, and what the record shows.
 

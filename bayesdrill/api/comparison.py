@@ -14,7 +14,7 @@ from bayesdrill.api.arguments import ManyFits
 from bayesdrill.api.case import load
 from bayesdrill.api.run import for_notebooks
 from bayesdrill.basics.equality import Value
-from bayesdrill.basics.errors import InputError, short_repr
+from bayesdrill.basics.errors import InputError, count_noun, short_repr
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.job import Job
 from bayesdrill.report.comparison_report import ComparisonReport
@@ -212,8 +212,6 @@ class Comparison(Value):
         brief = [section for section in self.report.sections if section.brief]
         return as_markdown(self.report.title, brief)
 
-    __repr__ = __str__
-
 
 Overlay = Comparison
 
@@ -285,7 +283,8 @@ def _compared(
     given = [run if place is None else place for run, place in zip(runs, places, strict=True)]
     comparison.check_runs(comparison.FORMS[form], given)
     if names is not None and len(names) != len(runs):
-        raise InputError.at("names", f"{len(names)} names of {len(runs)} runs")
+        counts = f"{count_noun(len(names), 'name')} of {count_noun(len(runs), 'run')}"
+        raise InputError.at("names", counts)
     opened = [run if isinstance(run, single.Run) else single.open(run) for run in runs]
     defaults = [
         run.job.config.name if place is None else place.resolve().name

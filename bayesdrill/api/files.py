@@ -13,7 +13,7 @@ from bayesdrill.api import arguments
 from bayesdrill.api.arguments import ManyFits
 from bayesdrill.basics import software as citing
 from bayesdrill.basics.equality import Value
-from bayesdrill.basics.errors import InputError, Issue, collect_each, short_repr
+from bayesdrill.basics.errors import InputError, Issue, collect_each, count_noun, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
 
 if TYPE_CHECKING:
@@ -481,4 +481,4 @@ def cache(*, clear: bool = False) -> str:
         reason = error.strerror or str(error)
         message = f"{reason}; correct this, or name another folder by {CACHE_VARIABLE}"
         raise InputError.at(str(user.folder), message) from None
-    return f"{user.folder}: {len(sizes)} compiled kernels, {sum(sizes) / 1e6:.1f} MB"
+    return f"{user.folder}: {count_noun(len(sizes), 'compiled kernel')}, {sum(sizes) / 1e6:.1f} MB"

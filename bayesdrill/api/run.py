@@ -66,7 +66,7 @@ def _drawn(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> 
 
 
 @arguments.check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Best(Value):
     """A best fit is the maximum of the posterior (MAP), which `case.find_map()` returns.
 
@@ -196,8 +196,6 @@ class Best(Value):
     def __str__(self) -> str:
         return f"{self.table}\n\n{describe_map(self.mode, self.job.problem.units)}"
 
-    __repr__ = __str__
-
 
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
@@ -251,8 +249,6 @@ class Candidates(Value):
 
     def __str__(self) -> str:
         return self.table or "the residuals look like the noise: no other model is tried"
-
-    __repr__ = __str__
 
 
 @arguments.check_arguments
@@ -426,7 +422,7 @@ class Run(arguments.ExperimentPlanner, SampledRun):
 
 
 @arguments.check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RunReport(Value):
     """A run's report has its tables and its verdict; `run.judge()` returns it, and `print` shows it.
 
@@ -472,8 +468,6 @@ class RunReport(Value):
     def _repr_markdown_(self) -> str:
         brief = [section for section in sections(self.view) if section.brief]
         return as_markdown(self.view.config.name, brief)
-
-    __repr__ = __str__
 
 
 def _as_record(columns: Mapping[str, Array] | None) -> str | None:

@@ -11,9 +11,15 @@ import numpy as np
 
 
 class Value:
-    """A value is a frozen dataclass (`eq=False`) equal by its fields; pickles omit its caches."""
+    """A value is a frozen dataclass (`eq=False`) equal by its fields; pickles omit its caches.
+
+    One with a text of its own (`repr=False`) is shown as that text at a prompt, too.
+    """
 
     __slots__ = ()
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def __eq__(self, other: object) -> bool:
         return equal_content(self, other) if type(other) is type(self) else NotImplemented

@@ -115,6 +115,11 @@ def shortened(text: str, most: int = MAX_VALUE_LETTERS) -> str:
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
+def count_noun(n: int, one: str, several: str = "") -> str:
+    """Return a count with its noun, and a verb if both are given: `1 sample`, `2 samples are`."""
+    return f"{n} {one}" if n == 1 else f"{n} {several or one + 's'}"
+
+
 class Stopped(KeyboardInterrupt):
     """The exception says that a signal asks to stop; other packages may raise `KeyboardInterrupt`."""
 

@@ -77,7 +77,9 @@ def find_reference(job: Job, crew: RefitExecutor) -> Reference:
     posterior = job.with_steps_at(mode).problem.posterior
     sensitivity = SensitivityStudy(posterior.likelihood)
     theta = posterior.space.vector(mode.values)
-    study = study_of(sensitivity, posterior, theta, job.asked, "the maximum")
+    study = study_of(
+        sensitivity, posterior, theta, job.config.identify, job.config.seed, "the maximum"
+    )
     exponents = tuple(each.exponents for each in study.products if each.word == "determined")
     if not exponents:
         message = "no product of parameters is determined by its record; see `bayesdrill identify`"

@@ -13,7 +13,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bayesdrill.basics.errors import InputError, Issue, did_you_mean, report_damage, shortened
+from bayesdrill.basics.errors import (
+    InputError,
+    Issue,
+    count_noun,
+    did_you_mean,
+    report_damage,
+    shortened,
+)
 from bayesdrill.config import loading
 from bayesdrill.config.schema.campaign import SECONDS, CampaignSpec
 from bayesdrill.config.yaml_source import Location, Source, read
@@ -174,7 +181,9 @@ def _table_rows(path: Path, spec: CampaignSpec, issues: list[Issue]) -> list[_Ro
         place = f"{path} row {number}"
         known: dict[str, Any] = dict(zip(columns, row, strict=False))
         if len(row) != len(columns):
-            issues.append(Issue(place, f"has {len(row)} cells, the header {len(columns)}"))
+            issues.append(
+                Issue(place, f"has {count_noun(len(row), 'cell')}, the header {len(columns)}")
+            )
             continue
         file = str(known["file"] or "")
         if not file:

@@ -11,7 +11,7 @@ import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.basics import seeds, software
-from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.errors import InputError, Issue, count_noun
 from bayesdrill.basics.json_records import as_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns import fits, pages
@@ -80,7 +80,7 @@ def run_campaign(
 
 
 def _too_few(plan: CampaignPlan, count: int, reasons: list[Issue]) -> InputError:
-    few = f"{count} runs are too few; a population needs {LEAST_RUNS}"
+    few = f"{count_noun(count, 'run is', 'runs are')} too few; a population needs {LEAST_RUNS}"
     return InputError([plan.source.issue(("runs",), few), *reasons])
 
 

@@ -18,7 +18,7 @@ from bayesdrill.config.assembly.problem import build_problem
 from bayesdrill.config.building.case import ResolvedCase
 from bayesdrill.config.records import reading
 from bayesdrill.config.records.sources import Files
-from bayesdrill.config.schema.config import Asked, Config, Thresholds
+from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Source, as_yaml, parse
 from bayesdrill.inference import derived, step_error
 from bayesdrill.inference.posterior import Problem
@@ -70,14 +70,6 @@ class Job:
             return self
         posterior = step_error.with_steps(self.problem.posterior, mode.pieces)
         return replace(self, problem=replace(self.problem, posterior=posterior))
-
-    @property
-    def asked(self) -> Asked:
-        """Return what an identifiability study is asked for."""
-        settings = self.config.identify
-        thresholds = Thresholds(**settings.model_dump(exclude={"of_interest"}))
-        of_interest = tuple(settings.of_interest)
-        return Asked(of_interest=of_interest, thresholds=thresholds, seed=self.config.seed)
 
 
 def prepare(path: Path) -> Job:

@@ -13,7 +13,7 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array, StoredArray
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.config.schema.config import Thresholds
+from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.design import search
 from bayesdrill.design.knowledge import PresentKnowledge
 from bayesdrill.design.promise import information, present_sds, promise
@@ -104,7 +104,7 @@ def design_experiment(
     problem: Problem,
     request: DesignRequest,
     known: PresentKnowledge,
-    thresholds: Thresholds,
+    thresholds: IdentifySpec,
     report: Reporter,
 ) -> ExperimentDesign:
     """Design an experiment with the channels and noise of the first record of a problem.
@@ -234,7 +234,7 @@ def _outlooks(
     return outlooks, informations
 
 
-def _refuse_hopeless(targets: Sequence[TargetOutlook], thresholds: Thresholds) -> None:
+def _refuse_hopeless(targets: Sequence[TargetOutlook], thresholds: IdentifySpec) -> None:
     """Raise `InputError` if the best waveform leaves every target to what is known before."""
     ratios = [target.designed / target.now for target in targets]
     if all(thresholds.classify(ratio) == "left to the prior" for ratio in ratios):

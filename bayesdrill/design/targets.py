@@ -14,7 +14,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.basics.errors import Issue
 from bayesdrill.basics.formulas import Expression, expression
-from bayesdrill.config.schema.config import Thresholds
+from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES, ParameterSpace
 from bayesdrill.record.experiment import raise_if_any
@@ -79,7 +79,7 @@ def invariant_products(
     candidates = simple_exponents(len(structure.names))
     for symmetry in structure.symmetries:
         candidates = candidates[candidates @ np.array(symmetry, dtype=float) == 0.0]
-    return products(information, prior_sd, candidates, Thresholds())
+    return products(information, prior_sd, candidates, IdentifySpec())
 
 
 def product_target(names: Sequence[str], exponents: Exponents) -> DesignTarget:

@@ -417,7 +417,7 @@ def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None
     known = [c.values[np.isfinite(c.values)] for c in moving]
     if moving and not any((np.abs(np.diff(x)) > 1 / MAX_NUMBER).any() for x in known):
         names = ", ".join([column.name for column in moving[:4]] + ["..."] * (len(moving) > 4))
-        message = f"nothing moved: {names} are the same in every row; repair the sensor, and "
+        message = f"nothing moved: every row has the same {names}; repair the sensor, and "
         raise InputError.at(str(table.path), message + "record again, or name another column")
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.basics.errors import count_noun
 from bayesdrill.drafting.columns import DRIVES, MAX_NUMBER, MIN_SAMPLES, SI, TWIST, FileColumn
 from bayesdrill.record import anomalies
 from bayesdrill.record.regression import integral, linear_fit
@@ -423,7 +424,10 @@ def _why_unusable(column: FileColumn, rows: slice) -> str:
         (unit, f"has the unit {unit!r}, which {other}"),
         (column.counts_rows, "grows by one a row: a row number"),
         (np.isinf(values).any(), "has infinite values"),
-        (len(numbers) < MIN_SAMPLES, f"has {len(numbers)} numbers in the rows that are used"),
+        (
+            len(numbers) < MIN_SAMPLES,
+            f"has {count_noun(len(numbers), 'number')} in the rows that are used",
+        ),
         (not is_plausible(numbers), f"has numbers up to {largest:.3g}, which no rig has"),
         (kind == "time", f"is a time, but {second}"),
         (kind == "force" and not meaning.symbol, "is a force, which the rig does not have"),

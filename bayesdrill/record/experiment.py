@@ -10,7 +10,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import PART, Array, Flags, Indices
 from bayesdrill.basics.entries import SMALLEST
-from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.errors import InputError, Issue, count_noun
 from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.basics.units import SECOND, Unit
 
@@ -283,11 +283,6 @@ def raise_if_any(problems: list[Issue]) -> None:
     """Raise an `InputError` with all problems, if there is one."""
     if problems:
         raise InputError(problems)
-
-
-def count_noun(n: int, what: str) -> str:
-    """Return a count with its noun: `1 sample`, `2 samples`."""
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
 def _rows(indices: Indices, where: Callable[[int], str]) -> str:

@@ -16,6 +16,7 @@ from bayesdrill.analysis.comparison import (
     RunSummary,
     decide,
 )
+from bayesdrill.basics.errors import count_noun
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.output_files import COMPARE, OVERLAY, Kind
 from bayesdrill.report.render import as_html
@@ -176,8 +177,9 @@ class ComparisonReport:
 def ranking(causes: Causes, seconds: Mapping[tuple[str, ...], float]) -> str:
     """Return the ranked candidates, with the processor time that sampling would take [s]."""
     lines = [
-        f"{len(causes.ranked)} candidates, each at its maximum: log Bayes factor against the config as "
-        "given, by Laplace's approximation, and the processor time that sampling would take"
+        f"{count_noun(len(causes.ranked), 'candidate')}, each at its maximum: log Bayes factor against "
+        "the config as given, by Laplace's approximation, and the processor time that sampling would "
+        "take"
     ]
     for cause in causes.ranked[:RANKED]:
         why = "; ".join(map(doubt, cause.doubts))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from itertools import starmap
 
+from bayesdrill.basics.errors import count_noun
 from bayesdrill.basics.findings import Finding
 
 IDEAL_MOTOR = (
@@ -16,7 +17,7 @@ POWER_OF_DRAWS = (
     "(median ratio {ratio:.3g}). Such a motor would give more power than it takes up, which none does. "
 )
 FOLLOWED = (
-    "the residuals of {channel} follow the input {input}, {lag:+.0f} samples ({seconds:.3g} s) after it "
+    "the residuals of {channel} follow the input {input}, {late} ({seconds:.3g} s) after it "
     "(correlation {correlation:.2g}, chance gives at most {chance:.2g})"
 )
 AT_WALKER = (
@@ -95,7 +96,7 @@ SENTENCES: Mapping[str, str] = {
         "the two columns swapped?"
     ),
     "overflow": (
-        "overflow: {channel} jumps by about {period:.6g}, {range}, {jumps:.0f} times, first at "
+        "overflow: {channel} jumps by about {period:.6g}, {range}, {often}, first at "
         "{first:.6g} s; a counter that ran over? Say wraps: {period:.6g} at {channel}, or unwrap the "
         "column: np.unwrap(x, period={period:.6g})"
     ),
@@ -105,7 +106,7 @@ SENTENCES: Mapping[str, str] = {
         "known, or record faster changes of the input"
     ),
     "nothing moved": (
-        "nothing moved: {channels} are the same in every row. Mend the sensor and record again, or name "
+        "nothing moved: every row has the same {channels}. Mend the sensor and record again, or name "
         "another column"
     ),
     "still channel": (
@@ -250,8 +251,11 @@ def _phrases(finding: Finding) -> dict[str, str]:
         where = ", ".join(f"{count:.0f} in ensemble {k}" for k, count in enumerate(counts) if count)
         verb = "is" if sum(counts) == 1 else "are"
         walkers = f"{sum(counts):.0f} of {numbers['walkers']:.0f} walkers ({where}) {verb}"
+    lag = numbers.get("lag", 0.0)
     return {
         "draws": share,
+        "late": f"{lag:+.0f} sample" if abs(lag) == 1.0 else f"{lag:+.0f} samples",
+        "often": count_noun(round(numbers.get("jumps", 0.0)), "time"),
         "mostly": f", mostly {names['constants']}," if names.get("constants") else "",
         "reason": f" ({names['shape']})" if names.get("shape") else "",
         "counted": walkers,
@@ -262,5 +266,5 @@ def _place(unknown: str, row: tuple[float, ...]) -> str:
     low, high, upper, crossings = row
     return (
         f"{unknown}: {1 - upper:.1%} of the draws near {low:.4g}, {upper:.1%} near {high:.4g}, "
-        f"{crossings:.0f} crossings"
+        f"{count_noun(round(crossings), 'crossing')}"
     )

@@ -11,6 +11,7 @@ from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.suspicions import ALL, suspicions_of_problem
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import count_noun
 from bayesdrill.config.building.case import ResolvedCase
 from bayesdrill.config.records.sources import inputs_as_given
 from bayesdrill.config.schema.config import Config
@@ -97,7 +98,7 @@ def headline(problem: Problem, config: Config) -> str:
     several = f" in {len(experiments)} experiments" if len(experiments) > 1 else ""
     return (
         f"{config.name}: {samples} samples of {channels}{several}; rig {problem.model.name}; "
-        f"{len(problem.names)} unknowns"
+        f"{count_noun(len(problem.names), 'unknown')}"
     )
 
 
@@ -188,7 +189,7 @@ def preview(problem: Problem, config: Config) -> str:
     return (
         f"priors:\n{priors}\n"
         f"log posterior at the start: {posterior.density(start[None])[0]:.2f}{_misfit(problem)}\n"
-        f"would run: {config.map.starts} searches by {config.map.method}, then "
+        f"would run: {count_noun(config.map.starts, 'search', 'searches')} by {config.map.method}, then "
         f"{sampler.ensembles} ensembles of {sampler.walkers} walkers for at most {sampler.max_steps} "
         f"steps. They end when R-hat <= {sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and "
         f"ESS >= {sampler.ess:g}\n" + "\n".join([size(problem, config), *sentences])

@@ -18,7 +18,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from bayesdrill import output_files
-from bayesdrill.basics.errors import InputError, Issue, report_damage, shortened
+from bayesdrill.basics.errors import InputError, Issue, count_noun, report_damage, shortened
 from bayesdrill.basics.json_records import from_data
 from bayesdrill.output_files import LOCK, PIECES, RUN, Kind, atomic_write
 from bayesdrill.sampling.samplers.ensemble import ChainSegment, State
@@ -404,7 +404,7 @@ class Folder:
         self._chains = {ensemble: self._read(ensemble) for ensemble in range(ensembles)}
         others = {p.z.shape[1:] for chain in self._chains.values() for p in chain} - {shape}
         for walkers, unknowns in others:
-            chain = f"a chain of {walkers} walkers in {unknowns} unknowns"
+            chain = f"a chain of {walkers} walkers in {count_noun(unknowns, 'unknown')}"
             expected = f"this run has {shape[0]} in {shape[1]}"
             message = f"holds {chain}, and {expected}; put back its own, or start over with --force"
             raise InputError.at(str(self.path), message)

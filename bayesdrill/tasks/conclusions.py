@@ -79,7 +79,7 @@ def _analysis(
     scenery = scenery or SensitivityStudy(run.job.problem.posterior.likelihood)
     if alone and explained is None:
         explained = causes(run.job, run.mode, chain.fit)
-    return analyse(chain, run.job.asked, scenery, alone=alone, explained=explained)
+    return analyse(chain, run.job.config.identify, scenery, alone=alone, explained=explained)
 
 
 def causes(
@@ -114,7 +114,7 @@ def doubts(job: Job, mode: Mode, study: IdentifiabilityStudy) -> tuple[str, ...]
     if residual_checks.like_noise(left):
         return ()
     known = [x for x in (*study.parameters, *study.products) if x.word == "determined"]
-    best, limit = posterior.space.vector(mode.values), job.asked.thresholds.determined
+    best, limit = posterior.space.vector(mode.values), job.config.identify.determined
     sds = sandwich_sds(posterior, best, [x.exponents for x in known])
     times: dict[str, float] = {}
     for x in known:
@@ -146,7 +146,7 @@ def analysis_mark(job: Job, mode: Mode, sampled: SamplingResult) -> str:
         bayesdrill.__version__,
         repr(given),
         repr(sorted(provenance.fingerprint(job.config, job.problem).items())),
-        repr((dict(mode.values), mode.doubts, mode.pieces, job.asked)),
+        repr((dict(mode.values), mode.doubts, mode.pieces)),
         chain_mark(sampled.segments),
         repr(sampled.evidence),
     )

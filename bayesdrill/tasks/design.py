@@ -34,7 +34,7 @@ CHECKED_DRAWS = 200  # number of draws at which the limits are checked
 DIGITS = 6  # significant digits of a level in the waveform's file
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Designed(Value):
     """A designed experiment is the result of `design`: `print` shows it, and `save` writes it.
 
@@ -117,8 +117,6 @@ class Designed(Value):
     def __str__(self) -> str:
         return self.text
 
-    __repr__ = __str__
-
 
 def design(
     job: Job,
@@ -159,7 +157,7 @@ def design(
         known = posterior_knowledge(problem, chain, draws, CHECKED_DRAWS)
     with ONE_THREAD:  # for such small matrices further threads only cost time
         if rival is None:
-            made = design_experiment(problem, request, known, job.asked.thresholds, report)
+            made = design_experiment(problem, request, known, job.config.identify, report)
         else:
             made = design_against(problem, rival.problem, request, known, report)
     return Designed(job=job, design=made)

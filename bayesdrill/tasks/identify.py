@@ -51,7 +51,7 @@ ALL = "all"
 
 
 @check_arguments
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Findings(Value):
     """The findings are the results of `case.identify()`, which `print` shows and `save` writes.
 
@@ -143,8 +143,6 @@ class Findings(Value):
     def __str__(self) -> str:
         return self.text
 
-    __repr__ = __str__
-
 
 def identify(job: Job, best: Mode | None, wanted: Sequence[str], report: Reporter) -> Findings:
     """Study a job at the maximum `best`, or else at its start, with profiles of `wanted` parameters.
@@ -162,7 +160,8 @@ def identify(job: Job, best: Mode | None, wanted: Sequence[str], report: Reporte
     else:
         point = StudyPoint(theta=posterior.space.vector(best.values), at="the MAP")
     theta = point.theta
-    study = study_of(sensitivities, posterior, theta, job.asked, point.at, seek_remedies=True)
+    asked = job.config.identify, job.config.seed, point.at
+    study = study_of(sensitivities, posterior, theta, *asked, seek_remedies=True)
     profiles = []
     if columns:
         fitter = Fitter(posterior, sensitivities, theta)
@@ -186,7 +185,8 @@ def preflight(job: Job, sensitivities: SensitivityStudy) -> str:
     at_rest = describe_study_point(point, job.problem)
     if not point.at:
         return at_rest
-    study = study_of(sensitivities, posterior, point.theta, job.asked, point.at)
+    asked = job.config.identify, job.config.seed, point.at
+    study = study_of(sensitivities, posterior, point.theta, *asked)
     lines = [at_rest, summarise_study(study), friction_sentences(study.frictions, rig)]
     lines += [stand_ins(study, rig)]
     lines += [beside(rig)] if is_approximate(posterior) else []

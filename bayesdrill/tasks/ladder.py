@@ -9,7 +9,7 @@ from pathlib import Path
 
 from bayesdrill.analysis.causes import Cause, Causes
 from bayesdrill.analysis.comparison import SURE_LOG_ODDS, RunSummary
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import InputError, count_noun
 from bayesdrill.basics.json_records import as_data, from_data
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job
@@ -102,7 +102,8 @@ def ladder(
         work = _Sampling(job, folder, pool, report, again=how == "resume")
 
         def progress() -> str:
-            return f"{len(work.done)} models are done and kept in {output}"
+            done = count_noun(len(work.done), "model is", "models are")
+            return f"{done} done and kept in {output}"
 
         with interruptions(folder, progress, (InputError,)):
             work.run(sample)
@@ -142,7 +143,7 @@ class _Sampling:
 
         def finish(place: str, modes: tuple[Mode, SamplingResult] | str) -> str:
             self._finish(modes, place, missing[place])
-            return f"{len(self.done)} models"
+            return count_noun(len(self.done), "model")
 
         tasks = {
             place: (packed(model.job.problem.posterior, fit_plan(model.job)),)

@@ -335,15 +335,19 @@ class Ranking:
         self.maxima[rung.names] = top
 
     def _redundant(self, top: RefitMaximum, rung: CandidateModel) -> Iterator[Doubt]:
-        """Yield parts of which each does nearly all that both do, and more than noise is left."""
+        """Yield parts of which each does nearly all that both do, and more than noise is left.
+
+        The evidence of a refit that was stopped is too small to tell what both do.
+        """
         causes, both = self.causes_by_parts, float(top.log_z - self.given.log_z)
-        for pair in [] if like_noise(top.fit) else itertools.combinations(rung.changes, 2):
+        known = top.finished and not like_noise(top.fit)
+        for pair in itertools.combinations(rung.changes, 2) if known else ():
             rest, *alone = (
                 tuple(name for name in rung.names if name not in {*removed})
                 for removed in ([c.name for c in pair], *([c.name] for c in pair))
             )
             neither = causes[rest].bayes if rest in causes else 0.0
-            least = neither + REDUNDANT * (both - neither)
+            least = neither + max(REDUNDANT * (both - neither), SURE_LOG_ODDS)
             if all(names in causes and causes[names].bayes > least for names in alone):
                 yield Doubt("alike", tuple(change.words for change in pair))
 

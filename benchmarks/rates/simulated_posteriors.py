@@ -50,7 +50,9 @@ class Trial:
         scenery = SensitivityStudy(posterior.likelihood)
         left = residual_summaries(posterior.likelihood, posterior.space.vector(found.values))
         fits = like_noise(left)
-        _, judged = conclude(own.problem, own.asked, found, sampled, scenery, fits=fits)
+        _, judged = conclude(
+            own.problem, own.config.identify, own.config.seed, found, sampled, scenery, fits=fits
+        )
         assert judged is not None
         reasons = finding_sentences(sampled.convergence.reasons)
         return judged.verdict, [*reasons, *residual_reasons(left)]

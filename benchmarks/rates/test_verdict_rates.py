@@ -114,7 +114,13 @@ def test_a_value_of_the_table_that_is_off_is_told(tmp_path: Path, parameters: e.
     job = simulated_posteriors.built(tmp_path, made(parameters))
     posterior = job.problem.posterior
     theta = posterior.space.vector({**job.problem.nominal, **true(job)})
-    found = study_of(SensitivityStudy(posterior.likelihood), posterior, theta, job.asked)
+    found = study_of(
+        SensitivityStudy(posterior.likelihood),
+        posterior,
+        theta,
+        job.config.identify,
+        job.config.seed,
+    )
     named = [name for name in found.names if name in job.problem.nominal]
     shown = [name for name, sigmas in off_by(found, named, OFF).items() if sigmas > 7]
     assert len(shown) >= 4

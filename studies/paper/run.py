@@ -82,7 +82,13 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Pap
     first = studies.nines[0]
     posterior, seed = first.problem.posterior, first.config.seed
     start = posterior.space.vector(posterior.space.start)
-    study = study_of(SensitivityStudy(posterior.likelihood), posterior, start, first.asked)
+    study = study_of(
+        SensitivityStudy(posterior.likelihood),
+        posterior,
+        start,
+        first.config.identify,
+        first.config.seed,
+    )
     symmetries, centre = study.structure.symmetries, nines[0].truth
     if centre is None:  # of the distances of ends
         centre = np.median(nines[0].draws, axis=0)

@@ -182,7 +182,7 @@ def test_combinations_beyond_the_largest_number_of_evaluations_are_named_and_not
         "an offset of v with dry friction at rotor 1",
     )
     assert causes.untried in ([()] if together else [(words,) for words in left])
-    assert ("1 combinations were not tried" in describe_causes(causes)) != together
+    assert ("1 combination was not tried" in describe_causes(causes)) != together
 
 
 @some_or_all("offset_alpha", "gain_w_2", "lag_alpha", "damping_rotor_1", "ar1")

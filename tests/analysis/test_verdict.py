@@ -37,7 +37,7 @@ from bayesdrill.analysis.verdict import (
 )
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.config.building.nominal import nominal_table
-from bayesdrill.config.schema.config import Nominal, Thresholds
+from bayesdrill.config.schema.config import IdentifySpec, Nominal
 from bayesdrill.config.schema.validation import read_config
 from bayesdrill.config.schema.vocabulary import HOUSE
 from bayesdrill.report.sections.nominal import verdict_sentences
@@ -140,7 +140,7 @@ def test_a_weighed_part_settles_what_a_symmetry_hides() -> None:
     j_1 = np.exp(0.01 * rng.standard_normal(N))
     k_s = 1.2 * j_1 * np.exp(0.01 * rng.standard_normal(N))
     draws = np.stack([k_s, j_1, 1 + 0.02 * rng.standard_normal(N)], -1) * VALUES
-    result = words(judge(linear_study(widths), draws, prior, TABLE, {}, (), Thresholds()))
+    result = words(judge(linear_study(widths), draws, prior, TABLE, {}, (), IdentifySpec()))
     assert (result[K_S], result[J_1]) == ("disagrees", "not determined")
 
 
@@ -159,7 +159,7 @@ def test_the_ends_of_a_tolerance_change_places_below_the_line(ratio: float) -> N
     """k_s within 20 %, j_1 within 40 %: k_s/j_1 from 0.8/1.4 to 1.2/0.6."""
     wide = np.exp(2.0 * np.log(PRIOR / VALUES)) * VALUES
     tolerance = {"k_s": 0.2, "j_1": 0.4}
-    result = judge(LINEAR, draws_of(4, k_s=ratio), wide, TABLE, tolerance, (), Thresholds())
+    result = judge(LINEAR, draws_of(4, k_s=ratio), wide, TABLE, tolerance, (), IdentifySpec())
     (product,) = (q for q in result.products if q.exponents == RATIO)
     assert product.tolerance == pytest.approx((0.8 / 1.4 - 1.0, 1.2 / 0.6 - 1.0))
     within = 0.8 / 1.4 < ratio < 1.2 / 0.6
@@ -182,7 +182,7 @@ def test_a_value_cut_off_by_an_end_at_its_nominal_value_cannot_be_judged(
     k_s = j_1 + 0.01 * NORMAL[::-1] + exponent * r_m
     draws = np.exp(np.stack([k_s, j_1, r_m], -1)) * VALUES
     ends = {"r_m": TABLE["r_m"]}
-    result = judge(LINEAR, draws, PRIOR, TABLE, {}, ("r_m",), Thresholds(), ends)
+    result = judge(LINEAR, draws, PRIOR, TABLE, {}, ("r_m",), IdentifySpec(), ends)
     assert (words(result)[R_M], words(result)[RATIO]) == ("cannot judge", ratio)
     assert result.joint is None
     text = verdict_sentences(result, "table")
@@ -197,7 +197,7 @@ def test_a_value_cut_off_by_an_end_at_its_nominal_value_cannot_be_judged(
 
 def test_an_unknown_without_a_nominal_value_is_not_judged() -> None:
     draws, table = draws_of(6), {name: TABLE[name] for name in ("k_s", "j_1")}
-    result = judge(LINEAR, draws, PRIOR, table, {}, (), Thresholds())
+    result = judge(LINEAR, draws, PRIOR, table, {}, (), IdentifySpec())
     assert [q.exponents for q in result.parameters] == [K_S, J_1]
     assert [q.exponents for q in result.products] == [RATIO]
     assert result.parameters[0].deviation == pytest.approx(draws[:, 0].mean() / TABLE["k_s"] - 1)

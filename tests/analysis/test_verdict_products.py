@@ -15,7 +15,7 @@ from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
 from bayesdrill.analysis.verdict import Verdict, basis, judge
 from bayesdrill.config.job import Job
-from bayesdrill.config.schema.config import Thresholds
+from bayesdrill.config.schema.config import IdentifySpec
 from benchmarks.rates import simulated_posteriors
 from benchmarks.zoo import entries as e
 
@@ -45,7 +45,13 @@ RIGS = {
 def study(job: Job, values: dict[str, float]) -> IdentifiabilityStudy:
     posterior = job.problem.posterior
     theta = posterior.space.vector({**posterior.space.start, **values})
-    return study_of(SensitivityStudy(posterior.likelihood), posterior, theta, job.asked)
+    return study_of(
+        SensitivityStudy(posterior.likelihood),
+        posterior,
+        theta,
+        job.config.identify,
+        job.config.seed,
+    )
 
 
 @pytest.fixture(scope="module", params=RIGS)
@@ -75,7 +81,7 @@ def verdict(study: IdentifiabilityStudy, **deviations: float) -> Verdict:
     draws = covariance @ known @ truth + rng.standard_normal((4000, len(truth))) @ root.T
     prior = priors * rng.standard_normal((20_000, len(truth)))
     table = dict.fromkeys(table_names(study), 1.0)
-    return judge(study, np.exp(draws), np.exp(prior), table, {}, (), Thresholds())
+    return judge(study, np.exp(draws), np.exp(prior), table, {}, (), IdentifySpec())
 
 
 def test_products_span_all_that_no_symmetry_changes(rig: IdentifiabilityStudy) -> None:

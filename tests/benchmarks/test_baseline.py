@@ -149,7 +149,7 @@ def test_points_lie_between_the_draws_and_on_their_ridge_and_are_all_different()
     assert points["k_s"] * points["j_1"] == pytest.approx(0.25, rel=1e-13)
 
 
-PRINTED = """mine: 1001 samples of w_1; rig motor_shaft; 1 unknowns
+PRINTED = """mine: 1001 samples of w_1; rig motor_shaft; 1 unknown
   searching the MAP ...
 MAP: 4 of 4 searches reached the same maximum
   still working, for 12 s by now
@@ -172,7 +172,7 @@ results: /tmp/results/ (report.html)
 
 def test_conclusions_are_what_is_printed_without_progress_and_tables_of_numbers() -> None:
     assert baseline.conclusions(PRINTED) == [
-        "mine: 1001 samples of w_1; rig motor_shaft; 1 unknowns",
+        "mine: 1001 samples of w_1; rig motor_shaft; 1 unknown",
         "MAP: 4 of 4 searches reached the same maximum",
         "next: add these lines to the config",
         "parameters:",

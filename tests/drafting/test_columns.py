@@ -185,4 +185,6 @@ def test_columns_without_heads_that_stand_still_have_the_names_of_their_logger(
 ) -> None:
     rows = np.column_stack([T, *(0 * T + 2.4e-311 for _ in range(8))]).tolist()
     (tmp_path / "r.json").write_text(f'{{"slow-forward": {rows}}}')
-    assert "nothing moved: slow-forward.left position" in refusal(tmp_path / "r.json")
+    assert "nothing moved: every row has the same slow-forward.left position" in refusal(
+        tmp_path / "r.json"
+    )

@@ -11,7 +11,7 @@ from bayesdrill.analysis.identifiability.information import Information, root_of
 from bayesdrill.analysis.identifiability.structure import ScalingStructure
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, KnownProduct, products
 from bayesdrill.analysis.verdict import Verdict, judge
-from bayesdrill.config.schema.config import Thresholds
+from bayesdrill.config.schema.config import IdentifySpec
 
 N = 4000
 RNG = np.random.default_rng(8)
@@ -24,7 +24,7 @@ ROOT = root_of(np.array([[100.0, -100.0, 0.0], [0.0, 0.0, 50.0]]))
 
 def linear_study(prior_sd: np.ndarray) -> IdentifiabilityStudy:
     known = Information(NAMES, ROOT)
-    words = Thresholds()
+    words = IdentifySpec()
     joint = known.with_priors(prior_sd)
 
     def product(exponents: tuple[int, ...]) -> KnownProduct:
@@ -70,7 +70,7 @@ def verdict(
     draws: np.ndarray, tolerance: float = 0.0, pressed: tuple[str, ...] = (), *, fits: bool = True
 ) -> Verdict:
     limits = dict.fromkeys(NAMES, tolerance)
-    return judge(LINEAR, draws, PRIOR, TABLE, limits, pressed, Thresholds(), fits=fits)
+    return judge(LINEAR, draws, PRIOR, TABLE, limits, pressed, IdentifySpec(), fits=fits)
 
 
 def off_by(study: IdentifiabilityStudy, named: Collection[str], off: float) -> dict[str, float]:

@@ -43,7 +43,7 @@ from bayesdrill.analysis.identifiability.torque_confounding import (
 )
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
-from bayesdrill.config.schema.config import Asked, Identification, Thresholds
+from bayesdrill.config.schema.config import Identification, IdentifySpec
 from bayesdrill.inference.compression import excerpt
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import prior_log_sd
@@ -248,7 +248,7 @@ class KnownProduct:
 
 
 def products(
-    information: Information, prior_sd: Array, candidates: Array, thresholds: Thresholds
+    information: Information, prior_sd: Array, candidates: Array, thresholds: IdentifySpec
 ) -> tuple[KnownProduct, ...]:
     """Return a maximal set of independent `candidates (n, m)`, those with the least price first.
 
@@ -270,7 +270,7 @@ def products(
 
 
 def _known_products(
-    information: Information, exponents: Array, sds: Array, before: Array, thresholds: Thresholds
+    information: Information, exponents: Array, sds: Array, before: Array, thresholds: IdentifySpec
 ) -> tuple[KnownProduct, ...]:
     """Return the products with `exponents (n, m)`.
 
@@ -331,7 +331,8 @@ def study_of(
     sensitivity: SensitivityStudy,
     posterior: Posterior,
     theta: Array,
-    asked: Asked,
+    settings: IdentifySpec,
+    seed: int,
     at: str = "the start",
     *,
     seek_remedies: bool = False,
@@ -340,9 +341,9 @@ def study_of(
 
     Remedies are sought on request, as they take as long as everything else.
     """
-    rng = seeds.stream(asked.seed, "identify")
-    names, thresholds = sensitivity.unknowns, asked.thresholds
-    of_interest = tuple(asked.of_interest) or names
+    rng = seeds.stream(seed, "identify")
+    names = sensitivity.unknowns
+    of_interest = tuple(settings.of_interest) or names
     posterior = excerpt(posterior) or posterior
     structure = structure_of(posterior, sensitivity, theta, rng)
     known = from_sensitivities(names, sensitivity.sensitivities(theta))
@@ -359,12 +360,12 @@ def study_of(
             np.eye(len(names)),
             known.with_priors(prior_sd).bounds(),
             prior_sd,
-            thresholds,
+            settings,
         ),
-        products=products(known, prior_sd, simple_exponents(len(names)), thresholds),
+        products=products(known, prior_sd, simple_exponents(len(names)), settings),
         information=known,
         remedies=tried,
-        nuisances=_nuisances(sensitivity, posterior, theta, thresholds),
+        nuisances=_nuisances(sensitivity, posterior, theta, settings),
         frictions=distinguish(sensitivity, posterior, theta),
         stand_ins=find_confounded(posterior, theta, prior_spreads(posterior), rng),
         resting=depends_on_fixed(posterior, theta, known, prior_sd, rng),
@@ -422,7 +423,7 @@ def _still_channels(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, .
 
 
 def _nuisances(
-    sensitivity: SensitivityStudy, posterior: Posterior, theta: Array, thresholds: Thresholds
+    sensitivity: SensitivityStudy, posterior: Posterior, theta: Array, thresholds: IdentifySpec
 ) -> tuple[Nuisance, ...]:
     rows = sensitivity.with_nuisances(theta)
     if not sensitivity.nuisances:

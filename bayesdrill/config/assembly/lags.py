@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from bayesdrill.basics.errors import count_noun
 from bayesdrill.config.building.parsed_numbers import (
     ParsedNumber,
     ends_of,
@@ -66,8 +67,9 @@ def start_beyond_lags(
         ):
             if undetermined.any():
                 y[undetermined, k] = np.nan
-                count = f"{channel.name}: {int(undetermined.sum())} samples"
-                notes.append(f"{count} are left out, as they may show {origin}")
+                one, several = "sample is left out, as it", "samples are left out, as they"
+                count = count_noun(int(undetermined.sum()), one, several)
+                notes.append(f"{channel.name}: {count} may show {origin}")
     if len(notes) == len(experiment.told):
         return experiment
     return dataclasses.replace(experiment, y=frozen(y), told=tuple(notes))

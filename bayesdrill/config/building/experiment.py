@@ -8,8 +8,8 @@ from bayesdrill.config.building import case
 from bayesdrill.config.building.case import LocalNumbers, ResolvedExperiment
 from bayesdrill.config.building.channels import check_channels
 from bayesdrill.config.building.experiments import check_truth, unknown_names
-from bayesdrill.config.building.initial import free_states, initial_state
-from bayesdrill.config.building.inputs import check_inputs, constant_inputs
+from bayesdrill.config.building.initial import check_initial, free_states
+from bayesdrill.config.building.inputs import check_inputs
 from bayesdrill.config.building.missing_torque import check_torque
 from bayesdrill.config.building.nominal import check_nominal, nominal_table
 from bayesdrill.config.building.parameters import build_model, check_rig, free_parameters
@@ -47,7 +47,7 @@ def build_experiment(
         errors.add_all(("model",), vain)
         rig = None if nominal is None else check_rig(errors, config, model, nominal)
         channels = check_channels(errors, config, model)
-        free = free_states(config, model)
+        free, initial_state = free_states(config, model), check_initial(errors, config, model)
         sensor_numbers, sensing = check_sensors(errors, config, model, free)
         torque = check_torque(errors, config, model, sensing)
         local_numbers = case.local_numbers(config, channels, sensor_numbers, free, torque)
@@ -63,7 +63,7 @@ def build_experiment(
         if getattr(config, key) and alone:
             errors.add((key,), message)
     check_record(errors, config)
-    check_inputs(errors, config, model)
+    constant = check_inputs(errors, config, model)
     check_simulation(errors, config)
     check_calibration(errors, config)
     if alone:
@@ -80,8 +80,8 @@ def build_experiment(
         channels=tuple(channel for channel in channels.values() if channel is not None),
         sensor_numbers={e: x for e, x in sensor_numbers.items() if x is not None},
         sensing=sensing,
-        constant_inputs=constant_inputs(config, model),
-        initial_state=initial_state(config, model),
+        constant_inputs={n: x for n in model.inputs if (x := constant.get(n)) is not None},
+        initial_state=initial_state,
         free_states=free,
         torque={name: x for name, x in torque.items() if x is not None},
         local_numbers=local_numbers,

@@ -10,16 +10,17 @@ from bayesdrill.config.yaml_source import IssueCollector
 from bayesdrill.rig.models.linear import Model
 
 
-def initial_state(config: Config, model: Model) -> dict[str, float]:
+def check_initial(errors: IssueCollector, config: Config, model: Model) -> dict[str, float]:
     """Return the fixed initial states, in SI; with a steady start only those that are named."""
-    initial = config.initial
-    entries = {name: initial.get(name) for name in model.outer}
-    return {
-        name: to_si(value, model.symbols[name].unit)
-        for name, value in entries.items()
-        if isinstance(value, float | int | numbers.Quantity)
-        and (initial.state != "steady" or name in initial.model_fields_set)
-    }
+    initial, states = config.initial, {}
+    for name in model.outer:
+        value, unit = initial.get(name), model.symbols[name].unit
+        silent = initial.state == "steady" and name not in initial.model_fields_set
+        if isinstance(value, float | int | numbers.Quantity) and not silent:
+            states[name] = errors.run(("initial", name, "unit"), to_si, value, unit)
+    if initial.state == "steady":
+        _check_steady(errors, config, model)
+    return {name: value for name, value in states.items() if value is not None}
 
 
 def state_name(state: str) -> str:
@@ -43,7 +44,7 @@ def free_states(config: Config, model: Model) -> tuple[str, ...]:
     return tuple(name for name in free if name not in imposed)
 
 
-def check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
+def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
     """Check a steady start: inputs determine it, but for a single angle that may be named."""
     if not model.smooth:
         how = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bayesdrill.basics import units
 from bayesdrill.basics.symbols import SPEED_UNITS
-from bayesdrill.config.building.parsed_numbers import check_quantity, to_si
+from bayesdrill.config.building.parsed_numbers import to_si
 from bayesdrill.config.building.record import check_series
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
@@ -13,18 +13,11 @@ from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.rig.models.linear import Model, missing_requirements, with_named
 
 
-def constant_inputs(config: Config, model: Model) -> dict[str, float]:
-    """Return the constant inputs of the model, SI."""
-    series, given = config.measured_inputs, config.inputs
-    return {
-        name: to_si(given.get(name), model.symbols[name].unit)
-        for name in model.inputs
-        if name not in series and given.get(name) is not None
-    }
-
-
-def check_inputs(errors: IssueCollector, config: Config, model: Model | None) -> None:
-    """Check the inputs: their units, and that the model has them."""
+def check_inputs(
+    errors: IssueCollector, config: Config, model: Model | None
+) -> dict[str, float | None]:
+    """Return the constant inputs in SI, None for a mistake, and check all inputs against the model."""
+    constant: dict[str, float | None] = {}
     for entry, symbol in config.vocabulary.entries.items():
         spec = config.inputs.get(entry)
         location: Location = ("inputs", entry)
@@ -32,7 +25,7 @@ def check_inputs(errors: IssueCollector, config: Config, model: Model | None) ->
             errors.run((*location, "unit"), units.factor, spec.unit, symbol.unit)
             check_series(errors, location, spec)
         elif spec is not None:
-            check_quantity(errors, location, spec, symbol.unit)
+            constant[entry] = errors.run((*location, "unit"), to_si, spec, symbol.unit)
     if model is not None and not missing_requirements(model):
         _check_required(errors, config, model)
     _check_angles(errors, config)
@@ -40,6 +33,7 @@ def check_inputs(errors: IssueCollector, config: Config, model: Model | None) ->
     if config.measured_inputs and config.initial.time is not None:
         message = "with measured inputs the initial state is that of the first sample"
         errors.add(("initial", "time"), f"{message}; remove this entry")
+    return {n: x for n, x in constant.items() if n not in config.measured_inputs}
 
 
 def _check_required(errors: IssueCollector, config: Config, model: Model) -> None:

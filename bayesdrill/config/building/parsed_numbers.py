@@ -11,7 +11,6 @@ from bayesdrill.basics import units
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.numbers import ParameterPrior, PriorSpec, SensorPrior
-from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.priors import PRIORS, Prior
 from bayesdrill.inference.unknowns import Role, labelled_symbol
 
@@ -118,9 +117,3 @@ def to_si(value: float | numbers.Quantity, unit: str) -> float:
     if isinstance(value, numbers.Quantity):
         return value.value * units.factor(value.unit, unit)
     return value
-
-
-def check_quantity(errors: IssueCollector, location: Location, value: object, unit: str) -> None:
-    """Check the unit of a value, if it has one."""
-    if isinstance(value, numbers.Quantity):
-        errors.run((*location, "unit"), units.factor, value.unit, unit)

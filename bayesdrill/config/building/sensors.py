@@ -11,10 +11,9 @@ import numpy as np
 
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.config.building.initial import check_steady, state_name, symbol_of_state
+from bayesdrill.config.building.initial import state_name, symbol_of_state
 from bayesdrill.config.building.parsed_numbers import (
     ParsedNumber,
-    check_quantity,
     ends_of,
     number_in_si,
 )
@@ -50,14 +49,9 @@ def check_sensors(
     errors: IssueCollector, config: Config, model: Model, free: Sequence[str]
 ) -> tuple[SensorNumbers, ObservationModel | None]:
     """Return the numbers of sensors and initial state, and the observation model with `free` states."""
-    for name in model.outer:
-        start, unit = config.initial.get(name), model.symbols[name].unit
-        check_quantity(errors, ("initial", name), start, unit)
     checked = {e: _sensor_number(errors, e) for e in sensor_entries(config, model)}
     sensing = errors.run(("inputs",), build_sensing, config, [*checked], free)
     _check_ineffective(errors, config)
-    if config.initial.state == "steady":
-        check_steady(errors, config, model)
     return checked, sensing
 
 

@@ -8,6 +8,7 @@ from typing import Any
 from bayesdrill import output_files
 from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import build_member, entries_of, unknown_keys
+from bayesdrill.basics.errors import count_noun
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location
@@ -55,7 +56,8 @@ def check_unknown(
         errors.add(("parameters",), "no parameter is unknown; give at least one a prior")
     else:
         if sampler.walkers % 2 or sampler.walkers < 2 * n_unknown:
-            wanted = f"an even number, at least twice the {n_unknown} unknowns, is wanted"
+            unknowns = count_noun(n_unknown, "unknown")
+            wanted = f"an even number, at least twice the {unknowns}, is wanted"
             errors.add(("sampler", "walkers"), f"{sampler.walkers} walkers: {wanted}")
         arguments = (sampler.ensembles, sampler.walkers, n_unknown)
         errors.run(("sampler", "walkers"), output_files.check_chain, *arguments)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import count_noun
 from bayesdrill.basics.symbols import SPEED_UNITS
 from bayesdrill.config.records.sources import Clock, Sources
 from bayesdrill.config.schema.records import (
@@ -25,7 +26,7 @@ from bayesdrill.config.schema.records import (
 from bayesdrill.config.yaml_source import Location
 from bayesdrill.record import anomalies
 from bayesdrill.record.anomalies import Spans
-from bayesdrill.record.experiment import Anomaly, count_noun
+from bayesdrill.record.experiment import Anomaly
 
 Mask = NDArray[np.bool_]
 

@@ -10,6 +10,7 @@ from bayesdrill import output_files
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import build_member
+from bayesdrill.basics.errors import count_noun
 from bayesdrill.basics.units import Unit
 from bayesdrill.config.building.case import ResolvedExperiment
 from bayesdrill.config.records import column_cleaning, sources
@@ -198,7 +199,8 @@ class _Reader:
             self._sources.add(
                 location, "leaves no fitted sample of a channel; hold fewer samples out"
             )
-        self._sources.notes.append(f"{count} samples are held out, and are no evidence")
+        held = count_noun(count, "sample is", "samples are")
+        self._sources.notes.append(f"{held} held out, and no evidence")
         return held_out
 
     def _inputs(
@@ -209,8 +211,8 @@ class _Reader:
         for name, spec in self._config.measured_inputs.items():
             column, entry = inputs[name], inputs[name].name
             if missing := int(np.isnan(column.values).sum()):
-                note = f"{entry}: {missing} samples are bridged, hold: {spec.hold}"
-                self._sources.notes.append(note)
+                bridged = count_noun(missing, "sample is", "samples are")
+                self._sources.notes.append(f"{entry}: {bridged} bridged, hold: {spec.hold}")
             values = column_cleaning.bridge_gaps(self._sources, column)
             si = self._config.vocabulary.entries[entry].unit
             values = values * units.factor(spec.unit, si)
@@ -245,19 +247,20 @@ class _Reader:
         if values is None or clock is None:
             return None
         if len(values) != clock.n_rows:
-            message = f"{len(values)} values, but the time has {clock.n_rows}; name one recording's"
-            self._sources.add(column_location(location, spec), message)
+            message = f"{count_noun(len(values), 'value')}, but the time has {clock.n_rows}"
+            self._sources.add(column_location(location, spec), f"{message}; name one recording's")
             return None
         values = values[clock.rows]
         masked = column_cleaning.row_mask(self._sources, location, spec, clock)
         unmasked = np.where(masked, np.nan, values) if masked.any() else values
         missing = int(np.sum(np.isnan(values) & ~masked))
         if masked.any():
-            note = f"{location[-1]}: {int(masked.sum())} samples are masked (mask)"
-            self._sources.notes.append(note)
+            count = count_noun(int(masked.sum()), "sample is", "samples are")
+            self._sources.notes.append(f"{location[-1]}: {count} masked (mask)")
         is_input = isinstance(spec, InputColumn)
         if missing and not is_input:
-            self._sources.notes.append(f"{location[-1]}: {missing} missing samples are left out")
+            count = count_noun(missing, "missing sample is", "missing samples are")
+            self._sources.notes.append(f"{location[-1]}: {count} left out")
         allowed = spec.missing if isinstance(spec, InputColumn) else self._config.record.missing
         refused = missing > 0 and allowed is None
         numbers = np.where(masked, 0.0, values) if refused else unmasked

@@ -16,7 +16,7 @@ from bayesdrill import output_files
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import build_member
-from bayesdrill.basics.errors import InputError, Issue, encodable
+from bayesdrill.basics.errors import InputError, Issue, count_noun, encodable
 from bayesdrill.config.building.case import ResolvedCase, ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import (
@@ -300,8 +300,9 @@ def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) ->
         )
     available = rows if filtered else min(experiment.counts)
     need = (clocks.filter_length(factor) if filtered else 1) + (MIN_SAMPLES - 1) * factor
-    few = f"{available} samples are too few: {need} leave {MIN_SAMPLES}; take a smaller factor"
-    return few if available < need else ""
+    few = f"{count_noun(available, 'sample is', 'samples are')} too few"
+    wanted = f"{need} leave {MIN_SAMPLES}; take a smaller factor"
+    return f"{few}: {wanted}" if available < need else ""
 
 
 def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:

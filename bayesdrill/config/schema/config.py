@@ -7,7 +7,6 @@ checked (a start inside its prior, symbols of the model, units) is checked in `b
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Annotated, Literal, TypeVar
 
 from pydantic import ConfigDict, Discriminator, Field, PrivateAttr, Tag
@@ -218,6 +217,12 @@ class IdentifySpec(Strict):
     left_to_prior: Annotated[float, Field(gt=0, le=1)] = 0.9
     """Left to the prior: the sd stays above this share of the prior's."""
 
+    def classify(self, ratio: float) -> Identification:
+        """Return the class of a ratio of posterior to prior sd, both of logarithms."""
+        if ratio < self.determined:
+            return "determined"
+        return "weak" if ratio < self.left_to_prior else "left to the prior"
+
 
 class Config(Strict):
     """A config describes a record, a rig, the prior knowledge of it, and how to infer more."""
@@ -270,26 +275,3 @@ class Config(Strict):
         """Return the measured inputs, by name."""
         specs = {n: self.inputs.get(self.input_entry(n)) for n in self.vocabulary.inputs}
         return {name: spec for name, spec in specs.items() if isinstance(spec, InputColumn)}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Thresholds:
-    """Thresholds are limits on the ratio of posterior to prior sd, both of logarithms."""
-
-    determined: float = 0.5
-    left_to_prior: float = 0.9
-
-    def classify(self, ratio: float) -> Identification:
-        """Return the class of such a ratio."""
-        if ratio < self.determined:
-            return "determined"
-        return "weak" if ratio < self.left_to_prior else "left to the prior"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
-    """A study asks about the unknowns `of_interest`, with thresholds and the seed of its points."""
-
-    of_interest: tuple[str, ...] = ()
-    thresholds: Thresholds = Thresholds()
-    seed: int = 0

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from bayesdrill.basics.entries import SMALLEST
-from bayesdrill.basics.errors import did_you_mean, shortened
+from bayesdrill.basics.errors import count_noun, did_you_mean, shortened
 from bayesdrill.config.schema.numbers import PriorSpec, families_of
 from bayesdrill.config.schema.validation import EntryError
 from bayesdrill.config.yaml_source import Location
@@ -55,12 +55,13 @@ def message_of(error: EntryError, location: Location) -> str:
         case "bool_type":
             return f"{_shown(value)} is neither `true` nor `false`"
         case "too_short":
-            return f"{len(value)} entries stand here, wanted are at least {context['min_length']}"
+            there = f"{count_noun(len(value), 'entry stands', 'entries stand')} here"
+            return f"{there}, wanted are at least {context['min_length']}"
         case "too_long":
             max_length = context["max_length"]
             surplus = ", ".join(map(str, [*value][max_length:]))
-            there = f"{len(value)} entries stand here, wanted are at most {max_length}"
-            return f"{there}; take out {surplus}"
+            there = f"{count_noun(len(value), 'entry stands', 'entries stand')} here"
+            return f"{there}, wanted are at most {max_length}; take out {surplus}"
         case "string_type":
             return f"{_shown(value)} is not text; put it in quotes if it is meant"
         case "model_type" | "model_attributes_type" | "dict_type":

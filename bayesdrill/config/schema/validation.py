@@ -74,12 +74,12 @@ def named_entries(words: Vocabulary) -> Mapping[Place, Mapping[str, Any]]:
         for place, kind in kinds.items():
             about = Field(description=f"{symbol.meaning} [{symbol.unit}]")
             entries[place][name] = Annotated[kind, about]
-    inputs, angles = entries["inputs",], dict(words.angles)
+    inputs = entries["inputs",]
     for name, symbol in words.inputs.items():
         spec: Any = InputSpec if name in words.idle else InputSpec | None
         about = Field(description=f"{symbol.meaning} [{symbol.plain_unit}]")
         inputs[name] = Annotated[spec, about]
-        if angle := angles.get(name):
+        if angle := words.angles.get(name):
             what = "angle" if angle.unit == "rad" else "position"
             text = f"the {what} that is imposed, as it was measured."
             about = Field(description=f"[{angle.unit}] In the place of {name}: {text}")

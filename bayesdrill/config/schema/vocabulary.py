@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,26 +17,19 @@ from bayesdrill.rig.models.linear import Model, with_all, with_named
 
 @dataclass(frozen=True, kw_only=True)
 class Vocabulary:
-    """A vocabulary lists the symbols of a rig, with all optional physics, each kind in its order."""
+    """A vocabulary has the symbols of a rig, with all optional physics, by name and in its order."""
 
-    parameter_symbols: tuple[Symbol, ...]
-    state_symbols: tuple[Symbol, ...]
-    input_symbols: tuple[Symbol, ...]
-    combined: tuple[Symbol, ...]  # combinations of states after which channels may be named
+    parameters: Mapping[str, Symbol]
+    states: Mapping[str, Symbol]
+    inputs: Mapping[str, Symbol]
+    combined: Mapping[str, Symbol]  # combinations of states after which channels may be named
     inner: frozenset[str]  # states without an initial value in the config
-    angles: tuple[tuple[str, Symbol], ...]  # pairs of a speed and the angle that may replace it
+    angles: Mapping[str, Symbol]  # angles that may replace a speed, by the name of the speed
     idle: frozenset[str]  # inputs that are zero unless they are named
     inertias: tuple[str, ...]
 
-    @cached_property
-    def parameters(self) -> Mapping[str, Symbol]:
-        """Return the symbols of parameters, by name."""
-        return _by_name(self.parameter_symbols)
-
-    @cached_property
-    def states(self) -> Mapping[str, Symbol]:
-        """Return the symbols of states, by name."""
-        return _by_name(self.state_symbols)
+    def __hash__(self) -> int:
+        return hash((*self.parameters, *self.states, *self.inputs))
 
     @cached_property
     def starts(self) -> Mapping[str, Symbol]:
@@ -46,28 +39,18 @@ class Vocabulary:
     @cached_property
     def signals(self) -> Mapping[str, Symbol]:
         """Return the symbols after which a channel may be named without `measures:`."""
-        return {**self.states, **_by_name(self.combined)}
-
-    @cached_property
-    def inputs(self) -> Mapping[str, Symbol]:
-        """Return the symbols of inputs, by name."""
-        return _by_name(self.input_symbols)
+        return {**self.states, **self.combined}
 
     @cached_property
     def imposed(self) -> Mapping[str, str]:
         """Return the entry of the angle that may replace an input, by the input's name."""
-        return {speed: angle.name for speed, angle in self.angles}
+        return {speed: angle.name for speed, angle in self.angles.items()}
 
     @cached_property
     def entries(self) -> Mapping[str, Symbol]:
         """Return the symbols of inputs, each before the angle that may replace it, by entry."""
-        angles = dict(self.angles)
-        pairs = ((symbol, angles.get(name)) for name, symbol in self.inputs.items())
-        return _by_name(symbol for pair in pairs for symbol in pair if symbol is not None)
-
-
-def _by_name(given: Iterable[Symbol]) -> dict[str, Symbol]:
-    return {symbol.name: symbol for symbol in given}
+        pairs = ((symbol, self.angles.get(name)) for name, symbol in self.inputs.items())
+        return {symbol.name: symbol for pair in pairs for symbol in pair if symbol is not None}
 
 
 def idle_inputs(rig: Model) -> set[str]:
@@ -87,12 +70,12 @@ def _house() -> Vocabulary:
     rigs = [rig for rig in rigs if not rig.has_private_names]
     imposed = {speed: angle for rig in rigs for speed, angle in rig.imposed.items()}
     return Vocabulary(
-        parameter_symbols=tuple(models.PARAMETERS.values()),
-        state_symbols=tuple(models.STATES.values()),
-        input_symbols=tuple(symbols.INPUTS.values()),
-        combined=(),
+        parameters=dict(models.PARAMETERS),
+        states=dict(models.STATES),
+        inputs=dict(symbols.INPUTS),
+        combined={},
         inner=models.INNER,
-        angles=tuple((n, models.STATES[imposed[n]]) for n in symbols.INPUTS if n in imposed),
+        angles={n: models.STATES[imposed[n]] for n in symbols.INPUTS if n in imposed},
         idle=frozenset(name for rig in rigs for name in idle_inputs(rig)),
         inertias=("motor", "rotor_1"),
     )
@@ -110,17 +93,16 @@ def vocabulary_of(rig: Model) -> Vocabulary:
     offered = [with_named(bare, (name, *needs)) for name, needs in bare.offers.items()]
     variants, known = [bare, *offered], rig.symbols  # optional physics may exclude each other
 
-    def symbols_of(names: str) -> tuple[Symbol, ...]:
-        every = [name for variant in variants for name in getattr(variant, names)]
-        return tuple(known[name] for name in dict.fromkeys(every))
+    def symbols_of(names: str) -> dict[str, Symbol]:
+        return {name: known[name] for variant in variants for name in getattr(variant, names)}
 
     return Vocabulary(
-        parameter_symbols=symbols_of("parameters"),
-        state_symbols=symbols_of("states"),
-        input_symbols=symbols_of("inputs"),
+        parameters=symbols_of("parameters"),
+        states=symbols_of("states"),
+        inputs=symbols_of("inputs"),
         combined=symbols_of("combinations"),
         inner=frozenset(name for variant in variants for name in variant.inner),
-        angles=tuple((speed, known[angle]) for speed, angle in rig.imposed.items()),
+        angles={speed: known[angle] for speed, angle in rig.imposed.items()},
         idle=frozenset(name for variant in variants for name in idle_inputs(variant)),
         inertias=tuple(inertia.name for inertia in rig.roles.inertias),
     )

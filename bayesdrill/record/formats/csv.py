@@ -17,7 +17,7 @@ from pydantic import Field
 
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.entries import MAX_COUNT
-from bayesdrill.basics.errors import InputError, Issue, shortened
+from bayesdrill.basics.errors import InputError, Issue, count_noun, shortened
 from bayesdrill.record.formats.table import RecordTable, decode, keys_of
 
 
@@ -131,7 +131,7 @@ def read_lines(path: Path, text: str, skip: int) -> TextLines:
     )
     numbers = np.fromiter(filled, dtype=np.int64)
     if not len(numbers):
-        where = f" after the {skip} lines of skip_rows" if skip else ""
+        where = f" after the {count_noun(skip, 'line')} of skip_rows" if skip else ""
         raise InputError.at(str(path), f"holds no data{where}: only blank lines and comments")
     before = [bare for line in everything[skip : numbers[0] - 1] if (bare := line.strip())]
     return TextLines(
@@ -329,7 +329,10 @@ def _parse_carefully(
     for i, line in enumerate(lines.texts):
         row = split(line, dialect.separator)
         if len(row) != len(names):
-            ragged.add(lines.location(i), f"{len(row)} cells where {len(names)} are expected")
+            ragged.add(
+                lines.location(i),
+                f"{count_noun(len(row), 'cell')} where {count_noun(len(names), 'is', 'are')} expected",
+            )
             continue
         for j, cell in enumerate(row):
             value = to_number(cell, dialect.decimal)
@@ -489,7 +492,7 @@ def _names(
         why = "if the numbers have decimal commas, export them with ; between the columns"
     elif width == count + 1 and count > 1:
         why = "if the first column holds row numbers, give it a name too, or set header: false"
-    message = f"the header has {count} cells and the rows have {width}; {why}"
+    message = f"the header has {count_noun(count, 'cell')} and the rows have {width}; {why}"
     raise InputError.at(lines.location(0), message)
 
 

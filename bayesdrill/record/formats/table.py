@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Counts
-from bayesdrill.basics.errors import InputError, did_you_mean
+from bayesdrill.basics.errors import InputError, count_noun, did_you_mean
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -97,8 +97,8 @@ class RecordTable:
             column = None
         values = self._named(variable, "variable")
         width = 1 if values.ndim == 1 else values.shape[1]
-        size = f"{len(values)} rows and {width} columns"
-        size = f"{len(values)} samples in 1 column" if values.ndim == 1 else size
+        size = f"{count_noun(len(values), 'row')} and {count_noun(width, 'column')}"
+        size = f"{count_noun(len(values), 'sample')} in 1 column" if values.ndim == 1 else size
         shape = f"variable {variable!r} of {self.path.name} has {size}"
         if column is None and width > 1:
             raise LookupError(f"{shape}; say which column, from 1 to {width}")

@@ -15,6 +15,7 @@ from bayesdrill.analysis.causes import (
     FittedValue,
 )
 from bayesdrill.analysis.edits import lacks
+from bayesdrill.basics.errors import count_noun
 from bayesdrill.report.doubts import percent
 from bayesdrill.report.section import Plain, Sentences, Table, aligned, build, listed
 from bayesdrill.report.view import ReportPart
@@ -50,7 +51,7 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
     """Return candidates for a page, the best first, its lines of a config, and what to do next."""
     if causes is None:
         return ()
-    refitted = f"fit: {len(causes.ranked)} candidates were refitted"
+    refitted = f"fit: {count_noun(len(causes.ranked), 'candidate was', 'candidates were')} refitted"
     notes = "\n".join(filter(None, [_reference(causes), wandering(causes)]))
     if not causes.good:
         tried = (
@@ -68,8 +69,8 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         f"{refitted} from the MAP, each with all unknowns free. The best are listed: log Bayes factor "
         "(by Laplace's approximation), gain of the log posterior, and what stays unexplained of each "
         "channel.",
-        f"fit: {stopped} refits were stopped, as they could not become as probable as the best: their "
-        "numbers are lower bounds."
+        f"fit: {count_noun(stopped, 'refit was', 'refits were')} stopped, with no chance to become as "
+        "probable as the best: such numbers are lower bounds."
         if stopped
         else "",
         _untried(causes.untried),
@@ -126,8 +127,9 @@ def _instead_of(good: Sequence[Cause], best: Cause | None) -> list[str]:
 def _untried(untried: Sequence[str]) -> str:
     if not untried:
         return ""
+    counted = count_noun(len(untried), "combination was", "combinations were")
     such = f"such as {'; '.join(untried[:SHOWN])}"
-    return f"fit: {len(untried)} combinations were not tried, as the refits took too long, {such}."
+    return f"fit: {counted} not tried, as the refits took too long, {such}."
 
 
 def _reference(causes: Causes) -> str:

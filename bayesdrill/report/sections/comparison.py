@@ -22,6 +22,7 @@ from bayesdrill.analysis.comparison import (
 )
 from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.prediction import MAX_BAD_SHARE, HeldOutScore, LooScore
+from bayesdrill.basics.errors import count_noun
 from bayesdrill.basics.findings import Finding
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.residual_checks import ResidualSummary
@@ -188,7 +189,7 @@ def predicted(models: Sequence[RunSummary]) -> Iterator[str]:
     held = {model.name: model.held_out for model in models if model.held_out is not None}
     if held:
         best = max(held, key=lambda name: held[name].score)
-        yield f"held out: {held[best].samples} samples, which {best} predicts best"
+        yield f"held out: {count_noun(held[best].samples, 'sample')}, which {best} predicts best"
     else:
         yield (
             "held out: nothing. `record: {held_out: [from, to]}` [s] in all configs keeps a stretch of "

@@ -18,6 +18,7 @@ from bayesdrill.analysis.diagnostics import (
 )
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import count_noun
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.display_units import DisplayedUnknowns, DisplayUnits
 from bayesdrill.inference.priors import Prior, flat_in_logs
@@ -155,7 +156,8 @@ def describe_convergence(sampled: SamplingResult) -> str:
         f"acceptance {sampled.acceptance.mean():.2f}",
     ]
     if sampled.failures:
-        lines.append(f"{sampled.failures} proposals had no finite response and were refused")
+        refused = count_noun(sampled.failures, "proposal was", "proposals were")
+        lines.append(f"{refused} refused, without a finite response")
     if (check := sampled.compression) is not None:
         exact = f" {check.exact} of these draws needed all samples." if check.exact else ""
         lines.append(

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import count_noun
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.design.study import DESIGNED, RECORDED, REPEATED, ExperimentDesign, TargetOutlook
 from bayesdrill.design.waveforms import FREE
@@ -45,7 +46,7 @@ def _opening(design: ExperimentDesign) -> str:
     waveform = "a waveform" if len(design.levels) == 1 else f"{len(design.levels)} waveforms"
     promised = "expected log odds" if design.log_odds else "promised relative sds"
     return (
-        f"{waveform} of {source.input} for {source.t[-1]:g} s: {source.count} levels "
+        f"{waveform} of {source.input} for {source.t[-1]:g} s: {count_noun(source.count, 'level')} "
         f"from {source.low:g} to {source.high:g}, each held for "
         f"{source.interval:g} s ({family})\n"
         f"{promised}, averaged over {where}:"

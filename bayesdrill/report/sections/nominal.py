@@ -11,6 +11,7 @@ from bayesdrill.analysis.comparison import RepeatedProduct
 from bayesdrill.analysis.identifiability.structure import DependsOnFixed
 from bayesdrill.analysis.verdict import FALSE_ALARM, JUDGED, Quantity, Verdict
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import count_noun
 from bayesdrill.basics.symbols import Symbol, product_latex, unit_product
 from bayesdrill.inference.display_units import SI, DisplayedUnknowns, DisplayUnits
 from bayesdrill.inference.residual_checks import like_noise
@@ -50,7 +51,7 @@ def repeats_sentence(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -
     if not far:
         return (
             "experiments: within their uncertainty, all of them show the same rig "
-            f"({len(repeats)} products compared)."
+            f"({count_noun(len(repeats), 'product')} compared)."
         )
     each = ", ".join(
         f"{product(names, repeat.exponents)} by {percent(repeat.spread)} (they know it to "
@@ -312,7 +313,7 @@ def verdict_sentence(verdict: Verdict, table: str, records: int = 1) -> str:
     determines, such, says = "this record determines", "such a record", "It says"
     if records > 1:
         determines, such, says = "these records determine", "such records", "They say"
-    can = f"the {n} independent products of parameters that {such} can show"
+    can = f"the {count_noun(n, 'independent product')} of parameters that {such} can show"
     if not verdict.judged:
         none = f"{determines} none of {can}"
         if verdict.saying("cannot judge"):

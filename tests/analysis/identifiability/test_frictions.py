@@ -17,7 +17,7 @@ from bayesdrill.analysis.identifiability.frictions import (
 )
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import prior_spreads, study_of
-from bayesdrill.config.schema.config import Asked
+from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.report.sections.friction import friction_sentences
@@ -123,7 +123,7 @@ def test_the_best_proposal_shrinks_the_sd_as_much_as_is_said() -> None:
     sds = []
     for target in posteriors:
         theta = target.space.vector(target.space.start)
-        study = study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
+        study = study_of(SensitivityStudy(target.likelihood), target, theta, IdentifySpec(), 0)
         sds.append(study.parameters[0].sd)
         text = describe_study(study, RIG)
         assert ("friction: t_cm can hardly be distinguished from t_f" in text) == (len(sds) == 1)

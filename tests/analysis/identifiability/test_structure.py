@@ -25,7 +25,7 @@ from bayesdrill.analysis.identifiability.structure import (
     sparse_basis,
 )
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, prior_spreads, study_of
-from bayesdrill.config.schema.config import Asked
+from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections.identifiability import (
     dependence_sentences,
@@ -171,7 +171,7 @@ def test_a_held_number_that_the_record_hardly_shows_leaves_its_scale_to_priors()
 
 def study(target: Posterior) -> IdentifiabilityStudy:
     theta = target.space.vector(target.space.start)
-    return study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
+    return study_of(SensitivityStudy(target.likelihood), target, theta, IdentifySpec(), 0)
 
 
 def test_a_record_too_noisy_for_the_inductance_depends_on_the_prior_of_the_resistance() -> None:

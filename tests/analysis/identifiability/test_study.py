@@ -14,7 +14,7 @@ from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.config import job, loading
-from bayesdrill.config.schema.config import Asked
+from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections.identifiability import (
     SHAPES,
@@ -32,11 +32,14 @@ SIGMA = np.array([0.02, 0.01, 0.05, 0.03])  # unequal
 RECORD = noisy_step(SIGMA)
 
 
-def study(target: Posterior, asked: Asked | None = None) -> IdentifiabilityStudy:
+def study(
+    target: Posterior, settings: IdentifySpec | None = None, seed: int = 0
+) -> IdentifiabilityStudy:
     """Return that at the start values."""
     theta = target.space.vector(target.space.start)
     sensitivity = SensitivityStudy(target.likelihood)
-    return study_of(sensitivity, target, theta, asked or Asked(), seek_remedies=True)
+    settings = settings or IdentifySpec()
+    return study_of(sensitivity, target, theta, settings, seed, seek_remedies=True)
 
 
 @cache
@@ -109,7 +112,7 @@ def test_the_tie_of_an_ideal_motor_breaks_one_symmetry() -> None:
     source = loading.load(ROOT / "configs" / "nominal_step.yaml").source
     source.data["parameters"]["k_T"] = {"tie": "k_e"}
     tied = job.assemble(loading.validate(source))
-    structure = study(tied.problem.posterior, tied.asked).structure
+    structure = study(tied.problem.posterior, tied.config.identify, tied.config.seed).structure
     (symmetry,) = structure.symmetries
     # k_T stays, so the factor of the mechanical scale is undone by the electrical one.
     powers = dict(zip(structure.names, symmetry, strict=True))

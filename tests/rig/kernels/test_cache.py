@@ -275,9 +275,7 @@ def test_numbers_are_those_of_code_that_was_compiled_just_now(tmp_path: Path) ->
 def test_the_cache_is_shown_and_cleared_by_a_command(tmp_path: Path) -> None:
     squares(tmp_path)
     with environment(**{CACHE_VARIABLE: str(tmp_path)}):
-        assert (
-            f"{tmp_path / 'kernels'}: 1 compiled kernels, 0.0 MB" in command_line.cli("cache").out
-        )
+        assert f"{tmp_path / 'kernels'}: 1 compiled kernel, 0.0 MB" in command_line.cli("cache").out
         assert "0 compiled kernels" in command_line.cli("cache", "--clear").out
         (tmp_path / "kernels").chmod(0o755)
         refused = command_line.cli("cache")
