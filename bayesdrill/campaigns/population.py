@@ -1,56 +1,67 @@
-"""Sample the population of the runs' log products by reweighting the draws of each run.
+"""Sample the population of the runs' log products, given the likelihood of each run as a mixture.
 
 The log products of run r with rig g and covariates x_r (K numbers each) are
 
     z_r = eta_g + B' x_r + e_r,    e_r ~ t_nu(0, Sigma),    eta_g ~ N(mu, Sigma_rig),
 
 where eta_g = mu if there is one rig.  The likelihood of a population is the product over runs of the
-mean of p(z_rs | population) / interim(z_rs) over the draws s (Hogg, Myers and Bovy 2010).
+integral of p(z_r | population) L_r(z_r).  The likelihood L_r of a run is a mixture of normal
+distributions, for its posterior over its interim prior (Hogg, Myers and Bovy 2010).
 
-Each sweep of a chain first chooses a draw of every run, with these ratios as weights, and then updates
-the population by its conditional distributions (Gibbs).  Its stationary distribution is exactly this
-likelihood times the prior, for the cost of one likelihood a sweep: a covariance of seven products and
-hundreds of runs would take an ensemble millions of likelihoods.  Covariances have the prior of Huang
-and Wand (2013): half-t standard deviations, uniform correlations.  A covariate that was not noted is
-an unknown with a standard normal prior.
+Each sweep of a chain first draws z_r of every run, and then updates the population by its conditional
+distributions (Gibbs).  A t distribution is a normal one whose precision has a gamma distribution, over
+which z_r is drawn by quadrature.  Covariances have the prior of Huang and Wand (2013): half-t standard
+deviations, uniform correlations.  A covariate that was not noted is an unknown with a standard normal
+prior.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import scipy
 
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.campaigns.draws import MAX_DRAWS, InterimDraws
+from bayesdrill.campaigns.mixture import RunMixture
 from bayesdrill.sampling.convergence import Convergence, Targets, assess, chain_length
 
 HALF_T_FREEDOM = 2.0  # of the sds; with two, correlations are uniform between -1 and 1
 CENTRAL = float(scipy.special.ndtr(1.0))  # the quantile at one standard deviation
 FREEDOMS = np.geomspace(2.0, 200.0, 14)  # values of nu; with 200 the tails are normal
 FIRST_CHECK = 800  # sweeps
-MAX_NUMBERS = 4e7  # numbers in the draws of all runs, of which fewer are taken in a large campaign
-MIN_DRAWS = 100  # draws of a run that are always taken
 BATCH = 1 << 19  # numbers in memory at a time
 RIG_UPDATES = 8  # updates of the spread of rigs in a sweep, since few rigs leave it to its prior
-RUNS_EACH_SWEEP = 500  # with more runs, their terms are stored in fewer sweeps
+PRECISION_NODES = 24  # of the quadrature over the precision of a run
+CUT_MASS = 1e-9  # mass of that precision beyond each end of the quadrature
+LEAST_STEP, MOST_STEP = 0.05, 2.0  # of logarithms of spreads, whatever is known of them
+NO_SPREAD = 1e-3  # chains need not agree on logarithms of spreads far below this
+MOST_STATES = 2000  # states of a chain that are kept; of more, every other one is dropped
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunArrays:
-    """The arrays of R runs are draws `(R, S, K)` and `log_interim (R, S)`, with inf in padding.
+    """The mixtures of R runs have `log_weights (R, C)`, -inf in padding, `means` and `covariances`.
 
-    `counts (R,)` are the draws of each, and `rig (R,)` the index of its rig among `n_rigs`.
+    `roots` times their transposes are the inverse covariances, and `log_norms (R, C)` the logarithms
+    of weights times densities at the means, up to a constant.
+    `mean (R, K)` and `covariance (R, K, K)` are the moments of each run alone, and `information` is the
+    inverse of that covariance.  `rig (R,)` is the index of the run's rig among `n_rigs`.
     `design (R, p)` has the covariates, NaN where missing, and `precision (p,)` the prior precision of
     their coefficients in units of 1 / Sigma; zero is a flat prior.
     """
 
-    draws: Array
-    log_interim: Array
-    counts: Indices
+    log_weights: Array
+    means: Array
+    covariances: Array
+    roots: Array
+    log_norms: Array
+    mean: Array
+    covariance: Array
+    information: Array
     rig: Indices
     n_rigs: int
     design: Array
@@ -58,26 +69,33 @@ class RunArrays:
 
 
 def run_arrays(
-    runs: Sequence[InterimDraws], rig: Indices, offset: Array, design: Array, precision: Array
+    runs: Sequence[RunMixture], rig: Indices, offset: Array, design: Array, precision: Array
 ) -> RunArrays:
-    """Pad the draws of all runs, minus `offset (R, K)`, to one array."""
-    n_products = offset.shape[1]
-    most = int(MAX_NUMBERS / (len(runs) * n_products))
-    taken = [run.thinned(min(MAX_DRAWS, max(MIN_DRAWS, most))) for run in runs]
-    counts = np.array([len(log_interim) for _, log_interim in taken])
-    draws = np.zeros((len(runs), int(counts.max()), n_products))
-    log_interim = np.full(draws.shape[:2], np.inf)
-    for r, (z, log_density) in enumerate(taken):
-        draws[r, : counts[r]] = z - offset[r]
-        log_interim[r, : counts[r]] = log_density - log_density.max()
+    """Pad the mixtures of all runs, minus `offset (R, K)`, to one array."""
+    n_runs, n_products = offset.shape
+    width = max(len(run.log_weights) for run in runs)
+    log_weights, means = np.full((n_runs, width), -np.inf), np.zeros((n_runs, width, n_products))
+    covariances = np.zeros((n_runs, width, n_products, n_products)) + np.eye(n_products)
+    for r, run in enumerate(runs):
+        count = len(run.log_weights)
+        log_weights[r, :count] = run.log_weights
+        means[r, :count], covariances[r, :count] = run.means - offset[r], run.covariances
+    covariance = np.array([run.covariance for run in runs])
+    roots = np.swapaxes(np.linalg.inv(np.linalg.cholesky(covariances)), -1, -2)
+    log_det = np.log(np.diagonal(roots, axis1=-2, axis2=-1)).sum(axis=-1)
     n_rigs = int(rig.max()) + 1
     if n_rigs == 1:  # the level of the only rig is a coefficient like others
-        design = np.column_stack([np.ones(len(runs)), design])
+        design = np.column_stack([np.ones(n_runs), design])
         precision = np.concatenate([[0.0], precision])
     return RunArrays(
-        draws=draws,
-        log_interim=log_interim,
-        counts=counts,
+        log_weights=log_weights,
+        means=means,
+        covariances=covariances,
+        roots=roots,
+        log_norms=log_weights + log_det,
+        mean=np.array([run.mean for run in runs]) - offset,
+        covariance=covariance,
+        information=np.linalg.inv(covariance),
         rig=rig,
         n_rigs=n_rigs,
         design=design,
@@ -112,8 +130,8 @@ class PopulationDraws:
     """M draws of the population have its parameters, `(M, ...)` each, and the terms of R runs.
 
     `covariance` is Sigma, `rig_covariance` is Sigma_rig (zero with one rig), and `levels` are eta_g.
-    `index (M, R)` is the chosen draw of each run, `log_likelihood (M, R)` its term of the likelihood,
-    and `effective (M, R)` the effective number of its draws.
+    `log_likelihood (M, R)` are the terms of the runs in the likelihood.  As a member of the population
+    a run has the moments `shrunk` and `shrunk_sd`, `(R, K)` each.
     """
 
     mean: Array
@@ -122,9 +140,9 @@ class PopulationDraws:
     covariance: Array
     rig_covariance: Array
     nu: Array
-    index: Indices
     log_likelihood: Array
-    effective: Array
+    shrunk: Array
+    shrunk_sd: Array
     convergence: Convergence
 
     @property
@@ -168,42 +186,49 @@ def sample_population(
     """
     streams = rng.spawn(n_chains)
     states = [_start(data, spread_scale, stream) for stream in streams]
-    stride = max(1, len(data.counts) // RUNS_EACH_SWEEP)
-    sweeps: list[list[_State]] = [[] for _ in states]
-    terms: list[list[tuple[Indices, Array, Array]]] = [[] for _ in states]
-    wanted, names = FIRST_CHECK, _trace_names(data, products)
+    traces: list[list[Array]] = [[] for _ in states]
+    kept: list[list[_State]] = [[] for _ in states]
+    stride, wanted, names = 1, FIRST_CHECK, _trace_names(data, products)
     report.update(0.0, "sampling the population")
     while True:
         wanted = min(wanted, max_sweeps)
-        for k, stream in enumerate(streams):
-            while len(sweeps[k]) < wanted:
-                kept = len(sweeps[k]) % stride == 0
-                sweeps[k].append(states[k])
-                states[k], term = _sweep(data, states[k], spread_scale, stream)
-                if kept:
-                    terms[k].append(term)
-                report.update(0.99 * len(sweeps[k]) / wanted, "sampling the population")
-        theta = np.array([[_trace(data, state) for state in chain] for chain in sweeps])
-        length = chain_length(theta[:, :, None, :])
-        checked = assess(theta[:, :, None, :], names, targets, measured=length)
+        for sweep in range(len(traces[0]), wanted):
+            for k, stream in enumerate(streams):
+                traces[k].append(_trace(data, states[k]))
+                if sweep % stride == 0:
+                    kept[k].append(states[k])
+                states[k] = _sweep(data, states[k], spread_scale, stream)
+            if len(kept[0]) > MOST_STATES:
+                kept, stride = [chain[::2] for chain in kept], 2 * stride
+            report.update(0.99 * sweep / wanted, "sampling the population")
+        theta = np.array(traces)[:, :, None, :]
+        length = chain_length(theta)
+        checked = assess(theta, names, targets, measured=length)
         if checked.converged or wanted >= max_sweeps:
             break
         wanted = max(length.next_check(wanted, targets.n_tau), int(1.25 * wanted))
     report.update(1.0, "")
-    first, end = -(-checked.burn_in // stride), len(terms[0])
+    first, end = -(-checked.burn_in // stride), len(kept[0])
     count = min(end - first, most_draws // n_chains)
     chosen = np.unique(np.linspace(first, end - 1, count).astype(np.intp))
-    states = [chain[i * stride] for chain in sweeps for i in chosen]
-    return _population_draws(data, states, [chain[i] for chain in terms for i in chosen], checked)
+    sample = [chain[i] for chain in kept for i in chosen]
+    return _population_draws(data, sample, checked, rng)
 
 
 def _population_draws(
     data: RunArrays,
     states: list[_State],
-    terms: list[tuple[Indices, Array, Array]],
     checked: Convergence,
+    rng: np.random.Generator,
 ) -> PopulationDraws:
     """Stack the states of all chains; with one rig its level is taken from the coefficients."""
+    log_likelihood = np.zeros((len(states), len(data.rig)))
+    shrunk, spread = np.zeros_like(data.mean), np.zeros_like(data.mean)
+    for m, state in enumerate(states):
+        z, log_likelihood[m] = _draw_runs(data, state, rng)
+        apart = z - shrunk
+        shrunk += apart / (m + 1)
+        spread += apart * (z - shrunk)  # Welford (1962)
 
     def stacked(name: str) -> Array:
         return np.array([getattr(state, name) for state in states])
@@ -215,7 +240,6 @@ def _population_draws(
         levels, mean, slopes = slopes[:, :1], slopes[:, 0], slopes[:, 1:]
     else:
         rig_covariance = np.linalg.inv(rig_root @ np.swapaxes(rig_root, -1, -2))
-    index, log_likelihood, effective = map(np.array, zip(*terms, strict=True))
     return PopulationDraws(
         mean=mean,
         slopes=slopes,
@@ -223,17 +247,16 @@ def _population_draws(
         covariance=np.linalg.inv(root @ np.swapaxes(root, -1, -2)),
         rig_covariance=rig_covariance,
         nu=stacked("nu"),
-        index=index,
         log_likelihood=log_likelihood,
-        effective=effective,
+        shrunk=shrunk,
+        shrunk_sd=np.sqrt(spread / len(states)),
         convergence=checked,
     )
 
 
 def _start(data: RunArrays, spread_scale: float, rng: np.random.Generator) -> _State:
     """Start a chain at the runs' means, with standard deviations off by a random factor."""
-    used = np.isfinite(data.log_interim)
-    means = data.draws.sum(axis=1) / used.sum(axis=1)[:, None]
+    means = data.mean
     n_runs, n_products = means.shape
     sds = (means.std(axis=0) + 0.1 * spread_scale) * np.exp(0.5 * rng.standard_normal(n_products))
     middle = np.median(means, axis=0) + sds * rng.standard_normal(n_products) / np.sqrt(n_runs)
@@ -257,13 +280,12 @@ def _start(data: RunArrays, spread_scale: float, rng: np.random.Generator) -> _S
     )
 
 
-def _sweep(
-    data: RunArrays, state: _State, spread_scale: float, rng: np.random.Generator
-) -> tuple[_State, tuple[Indices, Array, Array]]:
-    """Update all that is unknown once; return the terms of the runs at the old state, too."""
+def _sweep(data: RunArrays, state: _State, spread_scale: float, rng: np.random.Generator) -> _State:
+    """Update all that is unknown once."""
     n_products = len(state.root)
-    term = _choose_draws(data, state, rng)
-    z = data.draws[np.arange(len(data.counts)), term[0]]
+    z, _ = _draw_runs(data, state, rng)
+    state, z = _rescale(data, state, z, spread_scale, rng)
+    state, z = _shift(data, state, z, rng)
     standard = (z - state.centres(data.rig)) @ state.root
     squares = (standard**2).sum(axis=1)
     weights = rng.gamma(0.5 * (state.nu + n_products), 2.0 / (state.nu + squares))
@@ -282,32 +304,155 @@ def _sweep(
     log_p += 2.0 * np.log(FREEDOMS) - FREEDOMS / 10.0
     p = np.exp(log_p - log_p.max())
     nu = float(FREEDOMS[np.searchsorted(np.cumsum(p)[:-1] / p.sum(), rng.random())])
-    return replace(state, root=root, scales=scales, nu=nu), term
+    return replace(state, root=root, scales=scales, nu=nu)
 
 
-def _choose_draws(
-    data: RunArrays, state: _State, rng: np.random.Generator
-) -> tuple[Indices, Array, Array]:
-    """Choose a draw of each run by its weight; return indices, log likelihoods and effective draws."""
-    n_runs, n_draws, n_products = data.draws.shape
-    centres, uniform = state.centres(data.rig), np.asarray(rng.random(n_runs))
-    size = max(1, BATCH // (n_draws * n_products))
-    terms = []
+def _draw_runs(data: RunArrays, state: _State, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Draw the log products of each run, given the population; return them and log likelihoods.
+
+    Coordinates are those in which Sigma is the unit matrix and a component's covariance is diagonal.
+    """
+    nodes, log_mass = _precisions(state.nu)
+    (n_runs, width, n_products), centres = data.means.shape, state.centres(data.rig)
+    uniform, noise = np.asarray(rng.random(n_runs)), rng.standard_normal((n_runs, n_products))
+    back = np.linalg.inv(state.root)
+    log_likelihood, z = np.empty(n_runs), np.empty((n_runs, n_products))
+    size = max(1, BATCH // (width * n_products * PRECISION_NODES))
     for start in range(0, n_runs, size):
         part = slice(start, start + size)
-        standard = (data.draws[part] - centres[part, None]) @ state.root
-        squares = np.einsum("rsk,rsk->rs", standard, standard)
-        log_w = log_t(squares, state.nu, n_products) - data.log_interim[part]
-        top = log_w.max(axis=1)
-        weights = np.exp(log_w - top[:, None])
-        sums = np.cumsum(weights, axis=1)
-        total = sums[:, -1]
-        index = (sums < (uniform[part, None] * sums[:, -1:])).sum(axis=1)
-        log_like = top + np.log(total / data.counts[part])
-        terms.append((index, log_like, total**2 / (weights**2).sum(axis=1)))
-    index, log_like, effective = (np.concatenate(parts) for parts in zip(*terms, strict=True))
-    log_like += np.log(np.abs(np.diagonal(state.root))).sum()
-    return index.astype(np.int16), log_like, effective
+        rows = np.arange(len(centres[part]))
+        apart = (data.means[part] - centres[part, None]) @ state.root
+        variance, axes = np.linalg.eigh(state.root.T @ data.covariances[part] @ state.root)
+        apart = (apart[..., None, :] @ axes)[..., 0, :]
+        total = variance[..., None, :] + 1.0 / nodes[:, None]
+        log_p = -0.5 * (apart[..., None, :] ** 2 / total + np.log(total)).sum(axis=-1)
+        log_p = (log_p + data.log_weights[part, :, None] + log_mass).reshape(len(rows), -1)
+        top = log_p.max(axis=1)
+        sums = np.cumsum(np.exp(log_p - top[:, None]), axis=1)
+        log_likelihood[part] = top + np.log(sums[:, -1])
+        index = (sums < uniform[part, None] * sums[:, -1:]).sum(axis=1)
+        component, node = index // len(nodes), index % len(nodes)
+        share = 1.0 / (1.0 + variance[rows, component] * nodes[node, None])  # that the run decides
+        moved = share * apart[rows, component]
+        moved += np.sqrt(share * variance[rows, component]) * noise[part]
+        z[part] = (axes[rows, component] @ moved[..., None])[..., 0] @ back
+    log_likelihood += np.log(np.abs(np.diagonal(state.root))).sum()
+    return z + centres, log_likelihood - 0.5 * n_products * np.log(2.0 * np.pi)
+
+
+def _rescale(
+    data: RunArrays, state: _State, z: Array, spread_scale: float, rng: np.random.Generator
+) -> tuple[_State, Array]:
+    """Stretch the spread and all runs along each product in turn, by Metropolis steps.
+
+    The other updates change spreads little while the runs are fixed, and the runs little while the
+    spreads are (Yu and Meng 2011).
+    """
+    n_products, centres = z.shape[1], state.centres(data.rig)
+    size = np.exp(rng.uniform(np.log(LEAST_STEP), np.log(MOST_STEP), n_products))
+    steps = size * rng.standard_normal(n_products)
+    log_uniform = np.log(rng.random(n_products))
+    root, before = state.root.copy(), _log_likelihoods(data, z).sum()
+    common = data.precision > 0  # coefficients whose prior has the covariance of the runs
+    slopes, width = state.slopes[common], np.sqrt(data.precision[common])[:, None]
+    power = HALF_T_FREEDOM + n_products - 1 + len(slopes)
+    for k, step in enumerate(steps):
+        stretched, narrowed = z.copy(), root.copy()
+        stretched[:, k] += np.expm1(step) * (z[:, k] - centres[:, k])
+        narrowed[k] *= np.exp(-step)
+        after = _log_likelihoods(data, stretched).sum()
+        change = after - before - power * step
+        for sign, each in ((-1, narrowed), (1, root)):
+            rate = HALF_T_FREEDOM * (each[k] ** 2).sum() + spread_scale**-2.0
+            change += sign * 0.5 * (HALF_T_FREEDOM + n_products) * np.log(rate)
+            change += sign * 0.5 * ((width * (slopes @ each)) ** 2).sum()
+        if log_uniform[k] < change:
+            z, root, before = stretched, narrowed, after
+    return replace(state, root=root, scales=_draw_scales(root, spread_scale, rng)), z
+
+
+def _shift(
+    data: RunArrays, state: _State, z: Array, rng: np.random.Generator
+) -> tuple[_State, Array]:
+    """Move each coefficient, and each level of several rigs, together with the runs.
+
+    As in `_rescale`, the conditional updates hardly move them where the spread is small.
+    """
+    inverse, slopes = state.root @ state.root.T, state.slopes.copy()
+    alone = np.zeros(len(z), dtype=np.intp)
+    for j, x in enumerate(state.design.T):
+        prior = data.precision[j] * inverse
+        moved = _moved(data, z, x, alone, -slopes[j : j + 1], prior, rng)
+        slopes[j] += moved[0]
+        z = z + x[:, None] * moved[0]
+    levels = state.levels
+    if data.n_rigs > 1:
+        prior = state.rig_root @ state.rig_root.T
+        moved = _moved(data, z, np.ones(len(z)), data.rig, state.mean - levels, prior, rng)
+        levels, z = levels + moved, z + moved[data.rig]
+    return replace(state, slopes=slopes, levels=levels), z
+
+
+def _moved(
+    data: RunArrays,
+    z: Array,
+    x: Array,
+    group: Indices,
+    to_prior: Array,
+    prior: Array,
+    rng: np.random.Generator,
+) -> Array:
+    """Return by how much each group moves, `(G, K)`: log products move by this times `x (R,)`.
+
+    The proposal has the normal approximation of each run, and is exact if that has one component.
+    Prior means are at a distance of `to_prior (G, K)`, with the precision `prior (K, K)`.
+    """
+    n_groups, n_products = to_prior.shape
+    total = np.zeros((n_groups, n_products, n_products)) + prior
+    moment = to_prior @ prior
+    np.add.at(total, group, (x**2)[:, None, None] * data.information)
+    pull = (data.information @ (data.mean - z)[..., None])[..., 0]
+    np.add.at(moment, group, x[:, None] * pull)
+    root = np.linalg.cholesky(total)
+    best = np.linalg.solve(total, moment[..., None])[..., 0]
+    noise = rng.standard_normal((n_groups, n_products, 1))
+    step = best + np.linalg.solve(np.swapaxes(root, 1, 2), noise)[..., 0]
+    gain = np.zeros(n_groups)
+    after = _log_likelihoods(data, z + x[:, None] * step[group])
+    np.add.at(gain, group, after - _log_likelihoods(data, z))
+    gain -= 0.5 * (((step - to_prior) @ prior) * (step - to_prior)).sum(axis=1)
+    gain += 0.5 * ((to_prior @ prior) * to_prior).sum(axis=1)
+    gain += 0.5 * (noise**2).sum(axis=(1, 2)) - 0.5 * (moment * best).sum(axis=1)
+    return np.where(np.log(rng.random(n_groups)) < gain, 1.0, 0.0)[:, None] * step
+
+
+def _draw_scales(root: Array, spread_scale: float, rng: np.random.Generator) -> Array:
+    """Draw the auxiliary numbers of the prior of the sds, given the inverse covariance."""
+    rate = HALF_T_FREEDOM * (root**2).sum(axis=1) + spread_scale**-2.0
+    return np.asarray(rate / rng.gamma(0.5 * (HALF_T_FREEDOM + len(root)), size=len(root)))
+
+
+def _log_likelihoods(data: RunArrays, z: Array) -> Array:
+    """Return the log likelihoods `(R,)` of the log products `z (R, K)` of runs, up to constants."""
+    standard = ((z[:, None] - data.means)[..., None, :] @ data.roots)[..., 0, :]
+    terms = data.log_norms - 0.5 * (standard**2).sum(axis=-1)
+    return np.asarray(np.logaddexp.reduce(terms, axis=1))
+
+
+@cache
+def _precisions(nu: float) -> tuple[Array, Array]:
+    """Return nodes and log masses of a gamma distribution with mean 1 and shape `nu / 2`.
+
+    The trapezoidal rule in the logarithm is accurate for far outliers, too, whose precision is small.
+    """
+    half = 0.5 * nu
+    low, high = (
+        scipy.special.gammaincinv(half, CUT_MASS),
+        scipy.special.gammainccinv(half, CUT_MASS),
+    )
+    log_nodes = np.linspace(np.log(low / half), np.log(high / half), PRECISION_NODES)
+    log_mass = half * (log_nodes - np.exp(log_nodes))
+    return np.exp(log_nodes), np.asarray(log_mass - np.logaddexp.reduce(log_mass))
 
 
 def _impute(
@@ -380,8 +525,7 @@ def _update_covariance(
     factor = np.tril(rng.standard_normal((n_products, n_products)), -1)
     factor += np.diag(np.sqrt(rng.chisquare(freedom - np.arange(n_products))))  # Bartlett (1933)
     root = root @ factor
-    rate = HALF_T_FREEDOM * (root**2).sum(axis=1) + spread_scale**-2.0
-    return root, rate / rng.gamma(0.5 * (HALF_T_FREEDOM + n_products), size=n_products)
+    return root, _draw_scales(root, spread_scale, rng)
 
 
 def _trace(data: RunArrays, state: _State) -> Array:
@@ -394,7 +538,7 @@ def _trace(data: RunArrays, state: _State) -> Array:
     for root in roots:
         covariance = np.linalg.inv(root @ root.T)
         sds = sds_of(covariance)
-        parts += [np.log(sds), np.arctanh((covariance / np.outer(sds, sds))[above])]
+        parts += [np.log(sds + NO_SPREAD), np.arctanh((covariance / np.outer(sds, sds))[above])]
     return np.concatenate([*parts, [np.log(state.nu)]])
 
 
