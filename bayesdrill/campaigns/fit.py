@@ -10,7 +10,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Indices, StoredArray
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns.draws import CampaignDraws
-from bayesdrill.campaigns.mixture import describe
+from bayesdrill.campaigns.mixture import RunArrays, describe, run_arrays
 from bayesdrill.campaigns.outcomes import (
     NotedEffect,
     ProductPopulation,
@@ -21,7 +21,7 @@ from bayesdrill.campaigns.outcomes import (
     rig_levels,
     run_outcomes,
 )
-from bayesdrill.campaigns.population import RunArrays, run_arrays, sample_population, sds_of
+from bayesdrill.campaigns.population import sample_population, sds_of
 from bayesdrill.campaigns.time_study import LevelHistory, level_history
 from bayesdrill.sampling.convergence import Convergence, Targets
 

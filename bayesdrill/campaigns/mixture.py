@@ -8,12 +8,13 @@ run, in many products, finds few draws of that run in its midst, but a mixture h
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.campaigns.draws import InterimDraws
 
 MAX_COMPONENTS = 6
@@ -50,7 +51,7 @@ def describe(run: InterimDraws) -> RunMixture:
     centred = draws - mean
     covariance = (weights[:, None] * centred).T @ centred
     # Draws on a line, as very few are, get a width that is a trifle of their spread.
-    covariance += np.diag(1e-9 * np.diagonal(covariance) + 1e-300)
+    covariance += np.diag(1e-9 * np.diagonal(covariance) + 1e-18)
     root = np.linalg.cholesky(covariance)
     z = scipy.linalg.solve_triangular(root, centred.T, lower=True).T
     count = INDEPENDENT / (weights**2).sum()
@@ -74,6 +75,64 @@ def describe(run: InterimDraws) -> RunMixture:
         mean=mean,
         covariance=covariance,
         error=max(0.0, *(_difference(z @ d, weights, best, d) - chance for d in directions)),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunArrays:
+    """The mixtures of R runs have `log_weights (R, C)`, -inf in padding, `means` and `covariances`.
+
+    `roots` times their transposes are the inverse covariances, and `log_norms (R, C)` the logarithms
+    of weights times densities at the means, up to a constant.
+    `mean (R, K)` and `covariance (R, K, K)` are the moments of each run alone, and `rig (R,)` is the
+    index of its rig among `n_rigs`.
+    `design (R, p)` has the covariates, NaN where missing, and `precision (p,)` the prior precision of
+    their coefficients in units of 1 / Sigma; zero is a flat prior.
+    """
+
+    log_weights: Array
+    means: Array
+    covariances: Array
+    roots: Array
+    log_norms: Array
+    mean: Array
+    covariance: Array
+    rig: Indices
+    n_rigs: int
+    design: Array
+    precision: Array
+
+
+def run_arrays(
+    runs: Sequence[RunMixture], rig: Indices, offset: Array, design: Array, precision: Array
+) -> RunArrays:
+    """Pad the mixtures of all runs, minus `offset (R, K)`, to one array."""
+    n_runs, n_products = offset.shape
+    width = max(len(run.log_weights) for run in runs)
+    log_weights, means = np.full((n_runs, width), -np.inf), np.zeros((n_runs, width, n_products))
+    covariances = np.zeros((n_runs, width, n_products, n_products)) + np.eye(n_products)
+    for r, run in enumerate(runs):
+        count = len(run.log_weights)
+        log_weights[r, :count] = run.log_weights
+        means[r, :count], covariances[r, :count] = run.means - offset[r], run.covariances
+    roots = np.swapaxes(np.linalg.inv(np.linalg.cholesky(covariances)), -1, -2)
+    log_det = np.log(np.diagonal(roots, axis1=-2, axis2=-1)).sum(axis=-1)
+    n_rigs = int(rig.max()) + 1
+    if n_rigs == 1:  # the level of the only rig is a coefficient like others
+        design = np.column_stack([np.ones(n_runs), design])
+        precision = np.concatenate([[0.0], precision])
+    return RunArrays(
+        log_weights=log_weights,
+        means=means,
+        covariances=covariances,
+        roots=roots,
+        log_norms=log_weights + log_det,
+        mean=np.array([run.mean for run in runs]) - offset,
+        covariance=np.array([run.covariance for run in runs]),
+        rig=rig,
+        n_rigs=n_rigs,
+        design=design,
+        precision=precision,
     )
 
 

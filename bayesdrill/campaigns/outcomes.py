@@ -14,7 +14,8 @@ import numpy as np
 import scipy
 
 from bayesdrill.basics.arrays import Array, StoredArray
-from bayesdrill.campaigns.population import PopulationDraws, RunArrays, sds_of
+from bayesdrill.campaigns.mixture import RunArrays
+from bayesdrill.campaigns.population import PopulationDraws, sds_of
 
 SAME_RUNS = 0.05  # a nominal value agrees if more than this share of runs is as far out
 FALSE_OUTLIERS = 0.01  # expected number of runs of a sound campaign that are called outliers

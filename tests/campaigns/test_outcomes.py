@@ -13,11 +13,9 @@ from support.simulated_campaigns import BRIEF
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.campaigns import outcomes
 from bayesdrill.campaigns.draws import InterimDraws
-from bayesdrill.campaigns.mixture import describe
+from bayesdrill.campaigns.mixture import RunArrays, describe, run_arrays
 from bayesdrill.campaigns.population import (
     PopulationDraws,
-    RunArrays,
-    run_arrays,
     sample_population,
 )
 

@@ -8,10 +8,11 @@ import pytest
 from scipy import special, stats
 
 from bayesdrill.basics.progress import SILENT
-from bayesdrill.campaigns import population
+from bayesdrill.campaigns import gibbs
 from bayesdrill.campaigns.draws import InterimDraws
-from bayesdrill.campaigns.mixture import describe
-from bayesdrill.campaigns.population import FREEDOMS, PopulationDraws, run_arrays, sample_population
+from bayesdrill.campaigns.gibbs import FREEDOMS
+from bayesdrill.campaigns.mixture import describe, run_arrays
+from bayesdrill.campaigns.population import PopulationDraws, sample_population
 from bayesdrill.sampling.convergence import Targets
 
 SCALE, WIDTH = 0.1, 0.2  # of half-t priors, and sd of the interim prior
@@ -114,7 +115,7 @@ def test_covariances_without_runs_have_half_t_sds_and_uniform_correlations() -> 
     rng, scales = np.random.default_rng(4), np.full(3, SCALE**-2.0)
     covariances = []
     for _ in range(8000):
-        root, scales = population._update_covariance(np.zeros((3, 3)), 0, scales, SCALE, rng)
+        root, scales = gibbs._update_covariance(np.zeros((3, 3)), 0, scales, SCALE, rng)
         covariances.append(np.linalg.inv(root @ root.T))
     kept = np.array(covariances)[::4]
     sds = np.sqrt(np.diagonal(kept, axis1=1, axis2=2))
