@@ -16,13 +16,21 @@ import scipy
 
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.campaigns.draws import InterimDraws
+from bayesdrill.sampling.samplers.independence import (
+    Mixture,
+    effective_count,
+    improved,
+    mixture,
+    normalised,
+)
 
 MAX_COMPONENTS = 6
 ITERATIONS = 200  # of expectation maximisation, at most
 TOLERANCE = 1e-4  # gain of the mean log density at which it stops
 INDEPENDENT = 0.5  # share of the kept draws that counts in the BIC, since they are autocorrelated
 CRITICAL = 1.63  # of a Kolmogorov-Smirnov test, over 1 / sqrt(draws), at a level of 1 %
-PRIOR_DRAWS = 5.0  # a component's covariance is drawn to that of all with this weight for a product
+VARIANCE_FLOOR = 1e-6  # share of the variance of all draws that is added to that of a component
+LEAST_SD = 1e-9  # of a log product, so that very few draws have a covariance
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,37 +53,58 @@ class RunMixture:
 def describe(run: InterimDraws) -> RunMixture:
     """Return the mixture that describes a run."""
     draws, log_interim = run.thinned()
-    weights = np.exp(log_interim.min() - log_interim)
-    weights /= weights.sum()
+    weights = normalised(-log_interim)
     mean = weights @ draws
     centred = draws - mean
     covariance = (weights[:, None] * centred).T @ centred
-    # Draws on a line, as very few are, get a width that is a trifle of their spread.
-    covariance += np.diag(1e-9 * np.diagonal(covariance) + 1e-18)
+    covariance += np.diag(VARIANCE_FLOOR * np.diagonal(covariance) + LEAST_SD**2)
     root = np.linalg.cholesky(covariance)
     z = scipy.linalg.solve_triangular(root, centred.T, lower=True).T
-    count = INDEPENDENT / (weights**2).sum()
-    n_products = z.shape[1]
+    n_products, count = z.shape[1], INDEPENDENT * effective_count(weights)
     size = (n_products + 1) * (n_products + 2) / 2  # numbers of a component
-    chance = CRITICAL * float(np.sqrt((weights**2).sum()))
-    best, least = _Standard.single(n_products), np.inf
-    for components in range(1, MAX_COMPONENTS + 1):
-        if components * size > count:
-            break
-        found, mean_log = _fit(z, weights, components)
-        bic = (components * size - 1) * np.log(count) - 2 * count * mean_log
+    best, least = _fitted(z, weights, 1)[0], np.inf
+    for components in range(1, min(MAX_COMPONENTS, int(count / size)) + 1):
+        found, mean_log = _fitted(z, weights, components)
+        bic = components * size * np.log(count) - 2 * count * mean_log
         if bic >= least:
             break
         best, least = found, bic
+    chance = CRITICAL / np.sqrt(effective_count(weights))
     directions = np.concatenate([np.eye(n_products), root / np.sqrt(np.diag(covariance))[:, None]])
+    roots = root @ best.roots
     return RunMixture(
         log_weights=np.log(best.weights),
         means=mean + best.means @ root.T,
-        covariances=root @ best.covariances @ root.T,
+        covariances=roots @ np.swapaxes(roots, 1, 2),
         mean=mean,
         covariance=covariance,
-        error=max(0.0, *(_difference(z @ d, weights, best, d) - chance for d in directions)),
+        error=max(0.0, *(_difference(z, weights, best, d) - chance for d in directions)),
     )
+
+
+def _fitted(z: Array, weights: Array, components: int) -> tuple[Mixture, float]:
+    """Fit a mixture to standardised draws `z (S, K)`; return it with its mean log density."""
+    unit, nothing = np.eye(z.shape[1]), np.zeros((1, len(z)))
+    centres = scipy.cluster.vq.kmeans2(z, components, minit="++", rng=components)[0]
+    found = mixture((), [0] * components, np.ones(components), centres, [unit] * components)
+    before = -np.inf
+    for _ in range(ITERATIONS):
+        found = improved(found, z[None], nothing, weights, [VARIANCE_FLOOR * unit])
+        mean_log = float(weights @ found.log_density_at(z[None], nothing))
+        if mean_log - before < TOLERANCE:
+            break
+        before = mean_log
+    return found, mean_log
+
+
+def _difference(z: Array, weights: Array, found: Mixture, direction: Array) -> float:
+    """Return the largest difference of distribution functions along a direction."""
+    x = z @ direction
+    order = np.argsort(x)
+    sds = np.sqrt(((direction @ found.roots) ** 2).sum(axis=1))
+    cdf = scipy.special.ndtr((x[order, None] - found.means @ direction) / sds) @ found.weights
+    above = np.cumsum(weights[order])
+    return float(max(np.abs(above - cdf).max(), np.abs(above - weights[order] - cdf).max()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,62 +163,3 @@ def run_arrays(
         design=design,
         precision=precision,
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _Standard:
-    """A mixture of draws with mean 0 and covariance 1 has these weights, means and covariances."""
-
-    weights: Array
-    means: Array
-    covariances: Array
-
-    @classmethod
-    def single(cls, n_products: int) -> _Standard:
-        """Return the standard normal distribution."""
-        return cls(np.ones(1), np.zeros((1, n_products)), np.eye(n_products)[None])
-
-    def log_terms(self, z: Array) -> Array:
-        """Return the log density `(S, C)` of each component at `z (S, K)`, with its weight."""
-        root = np.linalg.cholesky(self.covariances)
-        standard = np.linalg.solve(root, np.swapaxes(z - self.means[:, None], 1, 2))
-        log_det = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-        squares = (standard**2).sum(axis=1).T
-        norm = np.log(self.weights) - log_det - 0.5 * z.shape[1] * np.log(2 * np.pi)
-        return np.asarray(norm - 0.5 * squares)
-
-
-def _fit(z: Array, weights: Array, components: int) -> tuple[_Standard, float]:
-    """Fit a mixture to standardised draws `z (S, K)`; return it with its mean log density."""
-    n_products = z.shape[1]
-    mixture, before = _Standard.single(n_products), -np.inf
-    share = np.ones((len(z), 1))
-    if components > 1:
-        _, label = scipy.cluster.vq.kmeans2(z, components, minit="++", rng=components)
-        share = np.eye(components)[label] + 0.1 / components
-        share /= share.sum(axis=1, keepdims=True)
-    for _ in range(ITERATIONS):
-        mass = weights[:, None] * share
-        total = np.maximum(mass.sum(axis=0), 1e-12)
-        means = (mass.T @ z) / total[:, None]
-        apart = z - means[:, None]
-        scatter = np.einsum("sc,csi,csj->cij", mass, apart, apart, optimize=True)
-        extra = PRIOR_DRAWS * n_products * (weights**2).sum() * (components > 1)
-        covariances = (scatter + extra * np.eye(n_products)) / (total + extra)[:, None, None]
-        mixture = _Standard(total, means, covariances)
-        terms = mixture.log_terms(z)
-        log_density = np.logaddexp.reduce(terms, axis=1)
-        mean_log = float(weights @ log_density)
-        if mean_log - before < TOLERANCE:
-            break
-        before, share = mean_log, np.exp(terms - log_density[:, None])
-    return mixture, mean_log
-
-
-def _difference(x: Array, weights: Array, mixture: _Standard, direction: Array) -> float:
-    """Return the largest difference of distribution functions along a direction."""
-    order = np.argsort(x)
-    sds = np.sqrt(np.einsum("i,cij,j->c", direction, mixture.covariances, direction))
-    cdf = scipy.special.ndtr((x[order, None] - mixture.means @ direction) / sds) @ mixture.weights
-    above = np.cumsum(weights[order])
-    return float(max(np.abs(above - cdf).max(), np.abs(above - weights[order] - cdf).max()))
