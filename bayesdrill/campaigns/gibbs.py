@@ -85,7 +85,6 @@ def start(data: RunArrays, spread_scale: float, rng: np.random.Generator) -> Sta
 
 def sweep(data: RunArrays, state: State, spread_scale: float, rng: np.random.Generator) -> State:
     """Update all that is unknown once."""
-    n_products = len(state.root)
     chosen, _ = choose(data, state, rng)
     state = _update_coefficients(data, state, chosen, rng)
     z = chosen.draw(state.centres(data.rig), state.root, rng)
@@ -101,7 +100,7 @@ def sweep(data: RunArrays, state: State, spread_scale: float, rng: np.random.Gen
     root, scales = _update_covariance(scatter, count, state.scales, spread_scale, rng)
     squares = ((residuals @ root) ** 2).sum(axis=1)
     # Juarez and Steel's (2010) prior of nu, Gamma(2, 1/10), on a grid of its logarithm
-    log_p = log_t(squares[:, None], FREEDOMS, n_products).sum(axis=0)
+    log_p = log_t(squares[:, None], FREEDOMS, len(root)).sum(axis=0)
     log_p += 2.0 * np.log(FREEDOMS) - FREEDOMS / 10.0
     p = np.exp(log_p - log_p.max())
     nu = float(FREEDOMS[np.searchsorted(np.cumsum(p)[:-1] / p.sum(), rng.random())])
@@ -143,7 +142,7 @@ def choose(data: RunArrays, state: State, rng: np.random.Generator) -> tuple[Cho
     for start in range(0, n_runs, size):
         part = slice(start, start + size)
         variance, axes = np.linalg.eigh(state.root.T @ data.covariances[part] @ state.root)
-        axes = state.root @ axes
+        variance, axes = np.maximum(variance, 0.0), state.root @ axes  # but for rounding
         apart = ((data.means[part] - centres[part, None])[..., None, :] @ axes)[..., 0, :]
         total = variance[..., None, :] + 1.0 / nodes[:, None]
         log_p = -0.5 * (apart[..., None, :] ** 2 / total + np.log(total)).sum(axis=-1)
@@ -172,7 +171,7 @@ def _rescale(
     size = np.exp(rng.uniform(np.log(LEAST_STEP), np.log(MOST_STEP), n_products))
     steps = size * rng.standard_normal(n_products)
     log_uniform = np.log(rng.random(n_products))
-    root, before = state.root.copy(), _log_likelihoods(data, z).sum()
+    root, before = state.root.copy(), _log_likelihood(data, z)
     common = data.precision > 0  # coefficients whose prior has the covariance of the runs
     slopes, width = state.slopes[common], np.sqrt(data.precision[common])[:, None]
     power = HALF_T_FREEDOM + n_products - 1 + len(slopes)
@@ -180,7 +179,7 @@ def _rescale(
         stretched, narrowed = z.copy(), root.copy()
         stretched[:, k] += np.expm1(step) * (z[:, k] - centres[:, k])
         narrowed[k] *= np.exp(-step)
-        after = _log_likelihoods(data, stretched).sum()
+        after = _log_likelihood(data, stretched)
         change = after - before - power * step
         for sign, each in ((-1, narrowed), (1, root)):
             rate = HALF_T_FREEDOM * (each[k] ** 2).sum() + spread_scale**-2.0
@@ -197,11 +196,11 @@ def _draw_scales(root: Array, spread_scale: float, rng: np.random.Generator) -> 
     return np.asarray(rate / rng.gamma(0.5 * (HALF_T_FREEDOM + len(root)), size=len(root)))
 
 
-def _log_likelihoods(data: RunArrays, z: Array) -> Array:
-    """Return the log likelihoods `(R,)` of the log products `z (R, K)` of runs, up to constants."""
+def _log_likelihood(data: RunArrays, z: Array) -> float:
+    """Return the log likelihood of log products `z (R, K)` of all runs, up to a constant."""
     standard = ((z[:, None] - data.means)[..., None, :] @ data.roots)[..., 0, :]
     terms = data.log_norms - 0.5 * (standard**2).sum(axis=-1)
-    return np.asarray(np.logaddexp.reduce(terms, axis=1))
+    return float(np.logaddexp.reduce(terms, axis=1).sum())
 
 
 @cache
