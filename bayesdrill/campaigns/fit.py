@@ -10,24 +10,24 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Indices, StoredArray
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns.draws import CampaignDraws
+from bayesdrill.campaigns.mixture import RunArrays, describe, run_arrays
 from bayesdrill.campaigns.outcomes import (
     NotedEffect,
     ProductPopulation,
     RigLevel,
     RunOutcome,
-    moments_alone,
     noted_effects,
     product_populations,
     rig_levels,
     run_outcomes,
 )
-from bayesdrill.campaigns.population import RunArrays, run_arrays, sample_population, sds_of
+from bayesdrill.campaigns.population import sample_population, sds_of
 from bayesdrill.campaigns.time_study import LevelHistory, level_history
 from bayesdrill.sampling.convergence import Convergence, Targets
 
 MIN_RUNS = 3  # fewer runs say next to nothing about their spread
 MIN_TIMED_RUNS = 8  # fewer runs show no history
-MIN_EFFECTIVE = 100.0  # effective draws of a run, below which it has to be sampled again
+MAX_ERROR = 0.05  # of the mixture of a run, in probability, beyond which it is not believed
 NOTED_PRECISION = 0.1  # prior precision of a coefficient of a noted column, over that of the runs
 EWMA_WEIGHT = 0.2  # weight of the newest run in a chart's moving average (Roberts 1959)
 CHART_LIMIT = 3.0  # standard deviations at which a control chart has its limits
@@ -101,7 +101,7 @@ class PopulationFit:
     timed: names of the runs with a time, in order of time
     charts: control chart and history of each product, none without enough times
     leave_one_out: check of the intervals for a next run
-    resample: runs whose draws do not carry the population, and have to be sampled again
+    misdescribed: runs whose draws are described badly, so that the population is doubtful
     convergence: convergence of the chains
     """
 
@@ -117,7 +117,7 @@ class PopulationFit:
     timed: tuple[str, ...]
     charts: tuple[ControlChart, ...]
     leave_one_out: LeaveOneOut
-    resample: tuple[str, ...]
+    misdescribed: tuple[str, ...]
     convergence: Convergence
 
 
@@ -147,7 +147,7 @@ def fit_population(
     Returns
     -------
     PopulationFit
-        The population and what follows from it.  Runs in `resample` make it doubtful.
+        The population and what follows from it.  Runs in `misdescribed` make it doubtful.
 
     Raises
     ------
@@ -159,13 +159,14 @@ def fit_population(
     rig = np.array([rigs.index(run.rig) for run in runs])
     noted, missing, ignored = _noted(draws)
     precision = np.full(noted.shape[1], NOTED_PRECISION)
-    plain = run_arrays(runs, rig, np.zeros((len(runs), len(products))), noted, precision)
+    mixtures = [describe(run) for run in runs]
+    plain = run_arrays(mixtures, rig, np.zeros((len(runs), len(products))), noted, precision)
     order = _order_of_time(draws)
     histories = _histories(draws, plain, noted, order, settings.spread_scale)
     offset, trends, extra_sd = _trends(histories, draws, order)
     design = np.column_stack([noted, trends])
     precision = np.append(precision, np.zeros(trends.shape[1]))
-    data = run_arrays(runs, rig, offset, design, precision)
+    data = run_arrays(mixtures, rig, offset, design, precision)
     sampled = sample_population(
         data,
         products,
@@ -182,7 +183,8 @@ def fit_population(
     ahead = np.column_stack([np.nan_to_num(noted), np.zeros_like(trends)])
     populations = product_populations(end, products, nominal, ahead, rng)
     labels = tuple((run.name, run.rig) for run in runs)
-    outcomes = run_outcomes(data, sampled, labels, products, offset)
+    errors = [mixture.error for mixture in mixtures]
+    outcomes = run_outcomes(data, sampled, labels, products, offset, errors)
     mean = sampled.covariance.mean(axis=0)
     sds = sds_of(mean)
     columns = tuple(missing)
@@ -203,7 +205,7 @@ def fit_population(
             within_50=float((np.abs(ranks - 0.5) < 0.25).mean()),
             within_90=float((np.abs(ranks - 0.5) < 0.45).mean()),
         ),
-        resample=tuple(run.name for run in outcomes if run.effective < MIN_EFFECTIVE),
+        misdescribed=tuple(run.name for run in outcomes if run.description_error > MAX_ERROR),
         convergence=sampled.convergence,
     )
 
@@ -251,7 +253,7 @@ def _histories(
     """Study each log product over time, with rigs and noted columns as regressors."""
     if len(order) == 0:
         return ()
-    mean, covariance = moments_alone(data)
+    mean, covariance = data.mean, data.covariance
     times = np.array([draws.runs[r].time for r in order], dtype=float)
     rigs = np.eye(data.n_rigs)[data.rig]
     regressors = np.column_stack([rigs, np.nan_to_num(noted)])[order]

@@ -7,13 +7,15 @@ it is the standard deviation.  A few foreign runs hardly change it, because they
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from bayesdrill.basics.arrays import Array, StoredArray
-from bayesdrill.campaigns.population import PopulationDraws, RunArrays, sds_of
+from bayesdrill.campaigns.mixture import RunArrays
+from bayesdrill.campaigns.population import PopulationDraws, sds_of
 
 SAME_RUNS = 0.05  # a nominal value agrees if more than this share of runs is as far out
 FALSE_OUTLIERS = 0.01  # expected number of runs of a sound campaign that are called outliers
@@ -102,7 +104,7 @@ class RunOutcome:
     alone_sd: standard deviations `(K,)` of these products
     shrunk: means `(K,)` as a member of the population
     shrunk_sd: standard deviations `(K,)` of these products
-    effective: median of the effective draws under the population
+    description_error: error of the mixture that describes its draws, see `RunMixture`
     ranks: probabilities `(K,)` that another such run is lower, from all other runs' population
     worst: product in which it is farthest from the other runs
     sds: distance from them in that product, in standard deviations of run and population
@@ -117,7 +119,7 @@ class RunOutcome:
     alone_sd: StoredArray
     shrunk: StoredArray
     shrunk_sd: StoredArray
-    effective: float
+    description_error: float
     ranks: StoredArray
     worst: str
     sds: float
@@ -243,19 +245,6 @@ def noted_effects(
     )
 
 
-def moments_alone(data: RunArrays) -> tuple[Array, Array]:
-    """Return mean `(R, K)` and covariance `(R, K, K)` of each run without its interim prior.
-
-    Draws are weighted by the inverse density of the interim prior.
-    """
-    highest = -data.log_interim.min(axis=1, keepdims=True)
-    weights = np.exp(-data.log_interim - highest)
-    weights /= weights.sum(axis=1, keepdims=True)
-    mean = np.einsum("rs,rsk->rk", weights, data.draws)
-    deviations = data.draws - mean[:, None]
-    return mean, np.einsum("rs,rsi,rsj->rij", weights, deviations, deviations, optimize=True)
-
-
 def _squared_distances(deviations: Array, covariances: Array) -> Array:
     """Return squared Mahalanobis distances `(M,)` of `(M, K)` with `covariances (M, K, K)`."""
     solved = np.linalg.solve(covariances, deviations[..., None])[..., 0]
@@ -268,13 +257,15 @@ def run_outcomes(
     labels: tuple[tuple[str, str], ...],
     products: tuple[str, ...],
     offset: Array,
+    errors: Sequence[float],
 ) -> tuple[RunOutcome, ...]:
     """Describe each run, by itself and against the population of all others.
 
-    `labels` are pairs of name and rig.  To leave a run out, the M draws are weighted in inverse
-    proportion to its likelihood.  Weights are cut at sqrt(M) times their mean (Ionides 2008).
+    `labels` are pairs of name and rig, and `errors` those of the runs' mixtures.  To leave a run out,
+    the M draws are weighted in inverse proportion to its likelihood.  Weights are cut at sqrt(M) times
+    their mean (Ionides 2008).
     """
-    alone, covariance = moments_alone(data)
+    alone, covariance = data.mean, data.covariance
     design = np.nan_to_num(data.design[:, data.design.shape[1] - draws.slopes.shape[1] :])
     outcomes = []
     for r, (name, rig) in enumerate(labels):
@@ -294,16 +285,15 @@ def run_outcomes(
         tail = weights @ scipy.special.fdtrc(n_products, draws.nu, t_squares / n_products)
         sds = np.abs(weights @ (deviation / sds_of(core)))
         scales = sds_of(wide)
-        chosen = data.draws[r, draws.index[:, r]]
         outcomes.append(
             RunOutcome(
                 name=name,
                 rig=rig,
                 alone=alone[r] + offset[r],
                 alone_sd=sds_of(covariance[r]),
-                shrunk=chosen.mean(axis=0) + offset[r],
-                shrunk_sd=chosen.std(axis=0),
-                effective=float(np.median(draws.effective[:, r])),
+                shrunk=draws.shrunk[r] + offset[r],
+                shrunk_sd=draws.shrunk_sd[r],
+                description_error=errors[r],
                 ranks=weights @ scipy.special.stdtr(draws.nu[:, None], deviation / scales),
                 worst=products[int(np.argmax(sds))],
                 sds=float(sds.max()),

@@ -116,11 +116,9 @@ def outliers(population: PopulationFit) -> list[str]:
 def population_reasons(population: PopulationFit) -> tuple[str, ...]:
     """Return reasons not to believe a population."""
     few = []
-    if population.resample:
-        names = named([*population.resample])
-        few = [
-            f"the draws of {names} hardly reach the population, so that their weights are uneven"
-        ]
+    if population.misdescribed:
+        names = named([*population.misdescribed])
+        few = [f"the draws of {names} have a shape that no mixture of normal distributions follows"]
     return (*finding_sentences(population.convergence.reasons), *few)
 
 

@@ -15,7 +15,7 @@ from bayesdrill.campaigns.fit import PopulationSettings, fit_population
 from bayesdrill.campaigns.outcomes import Estimate
 
 pytestmark = pytest.mark.slow
-CAMPAIGNS, RUNS, PRODUCTS = 100, 12, 2
+RUNS = 12
 
 
 def inside(estimate: Estimate, truth: float) -> list[bool]:
@@ -24,17 +24,19 @@ def inside(estimate: Estimate, truth: float) -> list[bool]:
     return [in_50, estimate.low_90 < truth < estimate.high_90]
 
 
-def hits_of_campaign(seed: int) -> dict[str, list[list[bool]]]:
+def hits_of_campaign(seed: int, products: int) -> dict[str, list[list[bool]]]:
     """Fit a campaign, and return for each kind of number whether its intervals hold the truth."""
     rng = np.random.default_rng(seed)
-    spread = np.exp(rng.uniform(np.log(0.01), np.log(0.08), PRODUCTS))
-    correlation = rng.uniform(-0.8, 0.8)
-    root = np.diag(spread) @ np.linalg.cholesky([[1.0, correlation], [correlation, 1.0]])
-    mean = rng.normal(0.0, 0.1, PRODUCTS)
-    z = mean + rng.standard_normal((RUNS + 1, PRODUCTS)) @ root.T
-    known = np.exp(rng.uniform(np.log(0.005), np.log(0.03), (RUNS, PRODUCTS)))
-    draws = SimulatedRuns(z=z[:-1], sd=known).draws(rng, 300)
+    spread = np.exp(rng.uniform(np.log(0.01), np.log(0.08), products))
+    common = 0.8 * rng.uniform(-1.0, 1.0, products)  # of each product with a common cause
+    root = np.linalg.cholesky(np.outer(common, common) + np.diag(1.0 - common**2))
+    mean = rng.normal(0.0, 0.1, products)
+    z = mean + rng.standard_normal((RUNS + 1, products)) @ root.T * spread
+    known = np.exp(rng.uniform(np.log(0.005), np.log(0.03), (RUNS, products)))
+    draws = SimulatedRuns(z=z[:-1], sd=known).draws(rng, 500)
     fit = fit_population(draws, PopulationSettings(targets=BRIEF), rng, SILENT)
+    assert fit.convergence.converged
+    assert not fit.misdescribed
     hits: dict[str, list[list[bool]]] = {"centre": [], "spread": [], "next run": [], "run": []}
     for k, population in enumerate(fit.populations):
         hits["centre"].append(inside(population.centre, mean[k]))
@@ -46,14 +48,14 @@ def hits_of_campaign(seed: int) -> dict[str, list[list[bool]]]:
     return hits
 
 
-@pytest.mark.slow
-def test_intervals_of_campaigns_hold_the_truth_at_their_rate() -> None:
-    campaigns = [hits_of_campaign(seed) for seed in range(CAMPAIGNS)]
+@pytest.mark.parametrize(("products", "count"), [(2, 100), (5, 30), (7, 20)])
+def test_intervals_of_campaigns_hold_the_truth_at_their_rate(products: int, count: int) -> None:
+    campaigns = [hits_of_campaign(1000 * products + seed, products) for seed in range(count)]
     for kind in campaigns[0]:
         hits = np.array([campaign[kind] for campaign in campaigns])
         rates = hits.mean(axis=(0, 1))
         print(f"{kind}: {100 * rates[0]:.1f} % in 50 %, {100 * rates[1]:.1f} % in 90 %")
         # Numbers of a campaign depend on one another, so campaigns are what is counted.
         for rate, level in zip(rates, (0.5, 0.9), strict=True):
-            low, high = stats.binom(CAMPAIGNS, level).interval(0.9999)
-            assert low <= CAMPAIGNS * rate <= high, (kind, level, rate)
+            low, high = stats.binom(count, level).interval(0.9999)
+            assert low <= count * rate <= high, (kind, level, rate)

@@ -139,15 +139,23 @@ def test_a_noted_column_with_gaps_explains_its_share_of_the_spread() -> None:
     assert none.share.mean < 0.05 < slope.share.mean < without_rigs
 
 
-def test_a_run_with_few_draws_in_the_population_has_to_be_sampled_again() -> None:
+def test_a_vague_run_hardly_changes_the_population_and_a_badly_described_one_is_named() -> None:
     rng = np.random.default_rng(31)
     draws = normal_runs(rng, 8, np.array([0.02]), sd=0.005).draws(rng, 300)
+    before = fit_population(draws, SETTINGS, rng, SILENT).populations[0].centre
     z, log_interim = interim_posterior(np.zeros(1), np.array([3.0]), rng, 300, width=1.0)
-    vague = replace(draws.runs[0], log_products=z, log_interim=log_interim)
-    campaign = CampaignDraws(products=draws.products, runs=(vague, *draws.runs[1:]))
+    vague = replace(draws.runs[0], name="vague", log_products=z, log_interim=log_interim)
+    places = np.repeat(np.geomspace(1.0, 1e-3, 12), 25)[:, None]
+    odd = replace(vague, name="odd", log_products=places, log_interim=np.zeros(300))
+    campaign = CampaignDraws(products=draws.products, runs=(*draws.runs, vague, odd))
     fit = fit_population(campaign, SETTINGS, rng, SILENT)
-    assert fit.resample == ("run 0",)
-    assert fit.runs[0].effective < 100 < min(run.effective for run in fit.runs[1:])
+    assert fit.misdescribed == ("odd",)
+    runs = (*draws.runs, vague)
+    after = (
+        fit_population(replace(campaign, runs=runs), SETTINGS, rng, SILENT).populations[0].centre
+    )
+    assert abs(after.mean - before.mean) < 0.2 * before.sd
+    assert after.sd == pytest.approx(before.sd, rel=0.15)
 
 
 def test_a_fit_is_the_same_after_it_is_written_and_read() -> None:

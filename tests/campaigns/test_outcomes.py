@@ -13,10 +13,9 @@ from support.simulated_campaigns import BRIEF
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.campaigns import outcomes
 from bayesdrill.campaigns.draws import InterimDraws
+from bayesdrill.campaigns.mixture import RunArrays, describe, run_arrays
 from bayesdrill.campaigns.population import (
     PopulationDraws,
-    RunArrays,
-    run_arrays,
     sample_population,
 )
 
@@ -35,16 +34,10 @@ def arrays(estimates: np.ndarray, sd: float = 0.01, width: float = 0.05) -> RunA
         centre = (y * sd**-2.0 + MEAN * width**-2.0) / precision
         z = centre + rng.standard_normal((1000, 2)) / np.sqrt(precision)
         log_interim = -0.5 * ((z - MEAN) ** 2).sum(axis=1) / width**2
-        runs.append(
-            InterimDraws(
-                name=f"run {k}",
-                rig="rig",
-                time=None,
-                noted={},
-                log_products=z,
-                log_interim=log_interim,
-            )
+        run = InterimDraws(
+            name=f"run {k}", rig="rig", time=None, noted={}, log_products=z, log_interim=log_interim
         )
+        runs.append(describe(run))
     none, zeros = np.zeros((len(runs), 0)), np.zeros((len(runs), 2))
     return run_arrays(runs, np.zeros(len(runs), int), zeros, none, np.zeros(0))
 
@@ -71,9 +64,7 @@ def known_population(nu: float, n_draws: int = 2000) -> PopulationDraws:
         covariance=np.tile(COVARIANCE, (n_draws, 1, 1)),
         rig_covariance=np.zeros((n_draws, 2, 2)),
         nu=np.full(n_draws, nu),
-        index=np.tile(np.arange(n_draws)[:, None] % 1000, (1, 2)),
         log_likelihood=np.zeros((n_draws, 2)),
-        effective=np.full((n_draws, 2), 321.0),
     )
 
 
@@ -83,13 +74,6 @@ def test_an_estimate_has_the_moments_and_quantiles_of_its_draws() -> None:
     assert number.sd == pytest.approx(12**-0.5, rel=1e-3)
     ends = (number.low_90, number.low_50, number.high_50, number.high_90)
     assert ends == pytest.approx((0.05, 0.25, 0.75, 0.95))
-
-
-def test_moments_alone_are_without_the_interim_prior() -> None:
-    estimates = np.array([[0.55, -0.2], [0.5, -0.23]])
-    mean, covariance = outcomes.moments_alone(arrays(estimates, sd=0.01))
-    assert np.allclose(mean, estimates, atol=4 * 0.01 / np.sqrt(800))
-    assert np.allclose(covariance, 1e-4 * np.eye(2), atol=1e-5)
 
 
 @pytest.mark.parametrize("nu", [4.0, 200.0])
@@ -129,7 +113,7 @@ def test_a_run_is_an_outlier_by_the_chi_square_of_its_distance() -> None:
     )  # five standard deviations, given the first product
     data = arrays(np.array([MEAN, MEAN + away]))
     draws, labels = known_population(200.0), (("near", "rig"), ("far", "rig"))
-    near, far = outcomes.run_outcomes(data, draws, labels, PRODUCTS, np.zeros((2, 2)))
+    near, far = outcomes.run_outcomes(data, draws, labels, PRODUCTS, np.zeros((2, 2)), (0.0, 0.02))
     assert np.log(far.core_tail) == pytest.approx(np.log(stats.chi2(2).sf(25.0)), abs=1.0)
     assert (near.outlier, far.outlier) == (False, True)
     assert far.worst == PRODUCTS[1]
@@ -137,7 +121,7 @@ def test_a_run_is_an_outlier_by_the_chi_square_of_its_distance() -> None:
     assert np.allclose(near.ranks, 0.5, atol=0.03)
     assert far.ranks[1] == pytest.approx(stats.t(200).cdf(far.sds), abs=0.001)
     assert far.core_tail < far.tail
-    assert far.effective == 321.0
+    assert far.description_error == 0.02
 
 
 def test_the_population_without_a_run_weighs_draws_against_its_likelihood() -> None:
@@ -151,7 +135,7 @@ def test_the_population_without_a_run_weighs_draws_against_its_likelihood() -> N
     )
     data = arrays(np.array([MEAN, MEAN]), sd=0.002)
     labels = (("first", "rig"), ("second", "rig"))
-    run = outcomes.run_outcomes(data, shifted, labels, PRODUCTS, np.zeros((2, 2)))[0]
+    run = outcomes.run_outcomes(data, shifted, labels, PRODUCTS, np.zeros((2, 2)), (0.0, 0.02))[0]
     sd = float(np.hypot(np.sqrt(COVARIANCE[0, 0]), 0.002))
     expected = 0.9 * 0.5 + 0.1 * stats.norm.cdf(-0.1 / sd)
     assert run.ranks[0] == pytest.approx(expected, abs=0.02)

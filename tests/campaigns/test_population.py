@@ -8,14 +8,19 @@ import pytest
 from scipy import special, stats
 
 from bayesdrill.basics.progress import SILENT
-from bayesdrill.campaigns import population
+from bayesdrill.campaigns import gibbs
 from bayesdrill.campaigns.draws import InterimDraws
-from bayesdrill.campaigns.population import FREEDOMS, PopulationDraws, run_arrays, sample_population
+from bayesdrill.campaigns.gibbs import FREEDOMS
+from bayesdrill.campaigns.mixture import describe, run_arrays
+from bayesdrill.campaigns.population import PopulationDraws, sample_population
 from bayesdrill.sampling.convergence import Targets
 
 SCALE, WIDTH = 0.1, 0.2  # of half-t priors, and sd of the interim prior
 ESTIMATES = np.array([[0.05, -0.02], [-0.03, 0.02], [0.02, 0.01], [-0.06, 0.06]])
 KNOWN = np.array([[0.02, 0.01], [0.03, 0.02], [0.01, 0.015], [0.02, 0.03]])
+# A t is a normal whose precision has a gamma distribution: here its quantiles.
+QUANTILES = (np.arange(48) + 0.5) / 48
+PRECISIONS = np.array([stats.gamma(nu / 2, scale=2 / nu).ppf(QUANTILES) for nu in FREEDOMS])
 LOG_PRIOR_OF_FREEDOM = 2 * np.log(FREEDOMS) - FREEDOMS / 10
 
 
@@ -31,7 +36,7 @@ def sampled(n_products: int, ess: float) -> PopulationDraws:
         run = InterimDraws(
             name=str(r), rig="a", time=None, noted={}, log_products=z, log_interim=log_interim
         )
-        runs.append(run)
+        runs.append(describe(run))
     nothing = np.zeros((4, 0))
     data = run_arrays(runs, np.zeros(4, int), np.zeros((4, n_products)), nothing, np.zeros(0))
     names, rng = tuple("pq")[:n_products], np.random.default_rng(1)
@@ -49,18 +54,16 @@ def log_half_t(sd: np.ndarray) -> np.ndarray:
 
 
 def test_population_of_four_runs_equals_the_joint_posterior_on_a_grid() -> None:
-    """The grid integrates each run's true product by quadrature, so nothing is reweighted."""
-    draws = sampled(1, 1600.0)
-    mu, log_sd = np.linspace(-0.4, 0.4, 161), np.linspace(np.log(1e-3), np.log(1.5), 90)
+    """The grid has the integral over each run's true product in closed form, by precisions of the t."""
+    draws = sampled(1, 3000.0)
+    mu, log_sd = np.linspace(-0.4, 0.4, 161), np.linspace(np.log(1e-6), np.log(1.5), 160)
     sd = np.exp(log_sd)
     log_p = np.zeros((len(mu), len(sd), len(FREEDOMS)))
-    nodes, weights = np.polynomial.legendre.leggauss(80)
-    for estimate, known in zip(ESTIMATES[:, 0], KNOWN[:, 0], strict=True):
-        z = estimate + 8 * known * nodes
-        normal = weights * np.exp(-0.5 * (8 * nodes) ** 2)
-        x = (z - mu[:, None, None]) / sd[:, None]
-        for k, nu in enumerate(FREEDOMS):
-            log_p[..., k] += np.log(stats.t(nu).pdf(x) @ normal / sd)
+    for k, precisions in enumerate(PRECISIONS):
+        for estimate, known in zip(ESTIMATES[:, 0], KNOWN[:, 0], strict=True):
+            total = sd[:, None] ** 2 / precisions + known**2
+            normal = np.exp(-0.5 * (estimate - mu[:, None, None]) ** 2 / total) / np.sqrt(total)
+            log_p[..., k] += np.log(normal.mean(axis=-1) + 1e-300)
     log_p += log_half_t(sd)[:, None] + log_sd[:, None] + LOG_PRIOR_OF_FREEDOM
     p = np.exp(log_p - log_p.max())
     p /= p.sum()
@@ -75,9 +78,6 @@ def test_population_of_four_runs_equals_the_joint_posterior_on_a_grid() -> None:
 @pytest.mark.slow
 def test_two_products_of_four_runs_equal_an_ensemble_over_population_and_integrated_runs() -> None:
     draws = sampled(2, 2000.0)
-    # A t is a normal whose precision has a gamma distribution: here its quantiles.
-    quantiles = (np.arange(48) + 0.5) / 48
-    precisions = np.array([stats.gamma(nu / 2, scale=2 / nu).ppf(quantiles) for nu in FREEDOMS])
 
     def log_p(theta: np.ndarray) -> np.ndarray:
         mu, sd, rho = theta[:, :2], np.exp(theta[:, 2:4]), np.tanh(theta[:, 4])
@@ -88,7 +88,7 @@ def test_two_products_of_four_runs_equal_an_ensemble_over_population_and_integra
         total = -3 * np.log(det) - 2 * np.log(2 * inverse + SCALE**-2).sum(axis=1)
         total += 3 * np.log(sd).sum(axis=1) + np.log1p(-(rho**2)) + LOG_PRIOR_OF_FREEDOM[index]
         for estimate, known in zip(ESTIMATES, KNOWN, strict=True):
-            x, spread = (estimate - mu)[..., None], precisions[index] ** -0.5
+            x, spread = (estimate - mu)[..., None], PRECISIONS[index] ** -0.5
             first, second = ((sd[:, k, None] * spread) ** 2 + known[k] ** 2 for k in (0, 1))
             both = (rho * sd[:, 0] * sd[:, 1])[:, None] * spread**2
             area = first * second - both**2
@@ -115,7 +115,7 @@ def test_covariances_without_runs_have_half_t_sds_and_uniform_correlations() -> 
     rng, scales = np.random.default_rng(4), np.full(3, SCALE**-2.0)
     covariances = []
     for _ in range(8000):
-        root, scales = population._update_covariance(np.zeros((3, 3)), 0, scales, SCALE, rng)
+        root, scales = gibbs._update_covariance(np.zeros((3, 3)), 0, scales, SCALE, rng)
         covariances.append(np.linalg.inv(root @ root.T))
     kept = np.array(covariances)[::4]
     sds = np.sqrt(np.diagonal(kept, axis1=1, axis2=2))

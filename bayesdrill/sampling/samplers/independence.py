@@ -259,13 +259,17 @@ def fit_mixture(
         all_weights = np.concatenate([weights, fill])
         points = np.concatenate([y, y_out], axis=1)
         jacobians = np.concatenate([jacobian, jacobian_out], axis=1)
-        current = _step(current, points, jacobians, all_weights, floors)
+        current = improved(current, points, jacobians, all_weights, floors)
     return current
 
 
-def _step(
+def improved(
     current: Mixture, y: Array, jacobian: Array, weights: Array, floors: list[Array]
 ) -> Mixture:
+    """Return the mixture after a step of expectation maximisation, with `straightened` draws.
+
+    A covariance gets the floor of its sheet in addition, `(D, D)`.
+    """
     shares = current.responsibilities(y, jacobian, weights)
     totals = shares.sum(axis=1)
     means, roots = current.means.copy(), current.roots.copy()

@@ -1,0 +1,169 @@
+"""Campaigns of measured records: do intervals of the next run hold the run that was left out?
+
+`python -m benchmarks.real.campaigns [NAME ...]` fits each campaign (minutes), and then its population
+again without each run.  The 90 % interval of that next run is compared with the run's own estimate.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ruamel.yaml import YAML
+
+import bayesdrill as bd
+from bayesdrill.basics.progress import SILENT
+from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
+from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_population
+from benchmarks.real import benches
+
+BUILD = benches.HERE / "build"
+SERVO = """
+record:
+  time: {variable: data, column: 1, unit: s}
+  window: [8, 14]
+  decimate: {factor: 20}
+  channels:
+    w_2: {variable: data, column: 4, unit: rad/s, sigma: {prior: log_uniform, low: 0.01, high: 10}}
+inputs:
+  t_m: {variable: data, column: 5, unit: N*m}
+initial: steady
+model: {name: motor}
+nominal: {j_m: 1.2e-4, c_m: 7.03e-5, tolerance: 0.1}
+parameters:
+  j_m: {prior: log_normal, median: 1, sd_log: 1, relative: true}
+  c_m: {prior: log_normal, median: 1, sd_log: 1, relative: true}
+  t_f: {prior: uniform, low: 0.001, high: 0.06}
+"""
+SINES = ("0_5", "1", "1_5", "2", "2_5", "3", "3_5", "4", "4_5", "5")
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredCampaign:
+    """A campaign of measured records has a base config and entries of its runs, when they are there."""
+
+    name: str
+    make: Callable[[], tuple[dict[str, Any], list[dict[str, Any]]]]
+    noted: tuple[str, ...] = ()
+
+
+def single(name: str) -> dict[str, Any]:
+    """Return the config of a bench of several records, as that of one of them."""
+    entries: dict[str, Any] = YAML(typ="safe").load(benches.HERE / f"{name}.yaml")
+    return {key: x for key, x in entries.items() if key not in ("experiments", "own", "shared")}
+
+
+def servo() -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    files = [benches.DATA / "hsm150_servo" / f"idf_pos_0.065_{k}.mat" for k in (1, 2, 3)]
+    return YAML(typ="safe").load(SERVO), [{"file": str(file)} for file in files]
+
+
+def waterloo() -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Square waves of 1.5 and 2 V, and sines of 2.5 V up to 5 Hz, above which little is determined."""
+    names = ["2", "1_5", *(f"sine_{each}" for each in SINES)]
+    folder = benches.DATA / "flexible_drive_waterloo_2022"
+    return single("waterloo"), [
+        {"file": str(folder / f"velocity_response_{name}.mat"), "name": name} for name in names
+    ]
+
+
+def servo_with_pendulum() -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """The motor warms up from 28 to 39 degrees, while the gain rises from 100 to 800."""
+    bench, runs = next(bench for bench in benches.BENCHES if bench.name == "bam"), []
+    if bench.prepare:
+        bench.prepare(bench)
+    for source in map(bench.place, bench.files):
+        record = json.loads(source.read_text("utf-8"))
+        file = BUILD / "bam" / f"kp{record['kp']}_{record['trajectory']}.csv"
+        on = [entry["temp"] for entry in record["entries"] if entry["torque_enable"]]
+        noted = {"temperature": float(np.mean(on)), "log_gain": float(np.log(record["kp"]))}
+        runs.append({"file": str(file), "time": float(len(runs)), "noted": noted})
+    return single("bam"), runs
+
+
+CAMPAIGNS = (
+    MeasuredCampaign("servo", servo),
+    MeasuredCampaign("waterloo", waterloo),
+    MeasuredCampaign("bam", servo_with_pendulum, ("temperature",)),
+)
+
+
+def fitted(campaign: MeasuredCampaign) -> tuple[PopulationFit, CampaignDraws]:
+    """Run a campaign, and return its population and the draws of its runs."""
+    from pyarrow import parquet
+
+    folder = BUILD / "campaigns" / campaign.name
+    folder.mkdir(parents=True, exist_ok=True)
+    base, runs = campaign.make()
+    base["record"]["file"] = runs[0]["file"]
+    base["name"] = f"{campaign.name}_run"
+    yaml = YAML()
+    yaml.dump(base, folder / "base.yaml")
+    entries = {"name": campaign.name, "base": "base.yaml", "runs": runs, "seed": 1}
+    yaml.dump(entries | {"noted": [*campaign.noted]}, folder / "campaign.yaml")
+    record = bd.campaign(folder / "campaign.yaml").run(folder / "results", resume=True)
+    population, kept = record.population, {}
+    for path in (folder / "results" / "draws").glob("*.parquet"):
+        table = parquet.read_table(path)
+        about = json.loads(table.schema.metadata[b"bayesdrill"])
+        *columns, log_interim = (column.to_numpy() for column in table.columns)
+        kept[about["run"]] = np.stack(columns, axis=1), log_interim
+    draws = []
+    for entry in runs:
+        name = entry.get("name", Path(entry["file"]).stem)
+        if name in kept and len(kept[name][1]) > 1:
+            noted = {key: entry["noted"][key] for key in campaign.noted}
+            z, log_interim = kept[name]
+            draws.append(
+                InterimDraws(
+                    name=name, rig="rig", time=entry.get("time"), noted=noted,
+                    log_products=z, log_interim=log_interim,
+                )
+            )  # fmt: skip
+    return population, CampaignDraws(products=population.products, runs=tuple(draws))
+
+
+def describe(population: PopulationFit, draws: CampaignDraws) -> str:
+    """Return a table: interval of the next run, times that of a run, and runs that it holds."""
+    held = np.zeros((2, len(draws.products)), dtype=int)
+    for r, run in enumerate(draws.runs):
+        others = replace(draws, runs=draws.runs[:r] + draws.runs[r + 1 :])
+        rng = np.random.default_rng(r)
+        without = fit_population(others, PopulationSettings(), rng, SILENT)
+        for k, product in enumerate(without.populations):
+            z, ahead = population.runs[r].alone[k], product.next_run
+            held[:, k] += ahead.low_50 < z < ahead.high_50, ahead.low_90 < z < ahead.high_90
+        print(f"  without {run.name}", file=sys.stderr, flush=True)
+    lines = [f"{len(draws.runs)} runs; converged: {population.convergence.converged}"]
+    own = 2 * 1.645 * np.median([run.alone_sd for run in population.runs], axis=0)
+    for k, product in enumerate(population.populations):
+        width = product.next_run.high_90 - product.next_run.low_90
+        lines.append(
+            f"{product.product}: spread {product.spread.mean:.1%}, own 90 % width {own[k]:.1%}, of the "
+            f"next run {width:.1%}, {width / own[k]:.0f} times; held {held[0, k]} in 50 %, "
+            f"{held[1, k]} in 90 %"
+        )
+    lines += [
+        f"{effect.column} explains {effect.share.mean:.0%} ({effect.share.low_90:.0%} to "
+        f"{effect.share.high_90:.0%}) of {effect.product}, slope {effect.slope.mean:+.1%} +- "
+        f"{effect.slope.sd:.1%}"
+        for effect in population.noted
+    ]
+    outliers = [run.name for run in population.runs if run.outlier]
+    histories = [(chart.product, chart.history.best) for chart in population.charts]
+    return "\n".join([*lines, f"outliers {outliers}, histories {histories}"])
+
+
+def main() -> None:
+    for campaign in CAMPAIGNS:
+        if campaign.name in sys.argv[1:] or len(sys.argv) == 1:
+            print(f"{campaign.name}: {describe(*fitted(campaign))}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
