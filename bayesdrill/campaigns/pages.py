@@ -57,6 +57,7 @@ class CampaignRecord:
     """The `campaign.json` of a finished campaign has these fields.
 
     name: the name of the campaign
+    mark: digest of all that decides the population, which is kept while this is the same
     verdict: the result in one sentence
     not_used: runs that nothing could be sampled of, or whose record is bad, and why
     doubts: reasons not to believe the fits of runs
@@ -66,6 +67,7 @@ class CampaignRecord:
     """
 
     name: str
+    mark: str
     verdict: str
     not_used: Mapping[str, str]
     doubts: Mapping[str, tuple[str, ...]]

@@ -44,15 +44,14 @@ def simulate_campaign(path: Path, seed: int | None, *, force: bool = False) -> d
     if not force:
         for file in (table, folder / TRUTH, *files):
             output_files.refuse_existing(file, (path, base.path), force=False)
-    samples, plan = (
-        dict[Path, int](),
-        CampaignPlan(spec=spec, source=source, base=base, runs=(), notes=()),
-    )
+    folder.mkdir(parents=True, exist_ok=True)
+    samples, plan = dict[Path, int](), CampaignPlan(spec=spec, source=source, base=base)
     for truth, file in zip(truths, files, strict=True):
         run = CampaignRun(
-            name=file.stem, path=file, rig="", time=None, noted={},
+            name=file.stem,
+            path=file,
             changes={"simulation": {n: x for n, x in truth.items() if x != nominal[n]}},
-        )  # fmt: skip
+        )
         made = run_case(plan, run, case)
         text = simulation.simulate(made, int(rng.integers(2**32)), file)
         output_files.write_text(file, text)

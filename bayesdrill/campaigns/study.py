@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from bayesdrill.basics.json_records import as_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns import fits, pages
 from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
-from bayesdrill.campaigns.fit import PopulationSettings, fit_population
+from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_population
 from bayesdrill.campaigns.fits import Reference
 from bayesdrill.campaigns.pages import CampaignRecord, say_alarms
 from bayesdrill.campaigns.records import CheckedRuns, KnownRecords, base_job, check_runs
@@ -142,14 +143,18 @@ def _publish(
     if len(runs) < LEAST_RUNS:
         raise _too_few(plan, len(runs), [*itertools.starmap(Issue, not_used.items()), *problems])
     draws = CampaignDraws(products=reference.products, runs=runs)
-    rng = seeds.stream(plan.spec.seed, "campaign", 1)
     settings = PopulationSettings(nominal=_nominal(job, reference))
-    population = fit_population(draws, settings, rng, report)
+    mark = _population_mark(draws, settings, plan.spec.seed)
+    population = _kept_population(folder.path, mark)
+    if population is None:
+        rng = seeds.stream(plan.spec.seed, "campaign", 1)
+        population = fit_population(draws, settings, rng, report)
     doubts = {run.name: fitted.reasons for run, fitted in used if fitted.reasons}
     misfit = {run.name: fitted.misfit for run, fitted in used if fitted.misfit}
     not_used |= {issue.place: issue.message for issue in problems}
     record = CampaignRecord(
         name=plan.spec.name,
+        mark=mark,
         verdict=pages.describe_population(population, not_used),
         not_used=not_used,
         doubts=doubts,
@@ -163,6 +168,30 @@ def _publish(
     reasons = (*pages.population_reasons(population), *not_used.values())
     said = pages.screen(record)
     return CampaignOutcome(folder=folder.path, record=record, said=said, reasons=reasons)
+
+
+def kept_record(folder: Path) -> CampaignRecord | None:
+    """Return the record of earlier results; None if there is none, or if it cannot be read."""
+    with suppress(OSError, InputError):
+        return load_record(folder / RECORD, CampaignRecord, FORM)[0]
+    return None
+
+
+def _kept_population(folder: Path, mark: str) -> PopulationFit | None:
+    """Return the population of earlier results if all that decides it is as it was."""
+    record = kept_record(folder)
+    return None if record is None or record.mark != mark else record.population
+
+
+def _population_mark(draws: CampaignDraws, settings: PopulationSettings, seed: int) -> str:
+    """Return a digest of all that decides a population, beside the versions of the software."""
+    digest = hashlib.sha256(repr((draws.products, settings, seed)).encode())
+    for run in draws.runs:
+        about = repr((run.name, run.rig, run.time, dict(run.noted), run.log_products.shape))
+        digest.update(about.encode("utf-8", "replace"))
+        for numbers in (run.log_products, run.log_interim):
+            digest.update(np.ascontiguousarray(numbers))
+    return digest.hexdigest()[:16]
 
 
 def _nominal(job: Job, reference: Reference) -> dict[str, float]:
