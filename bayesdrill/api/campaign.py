@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -31,9 +31,12 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
     ----------
     plan : CampaignPlan
         The entries of the campaign's file, and its runs.
+    pages : tuple of str
+        The runs of which `run` makes pages.
     """
 
     plan: CampaignPlan
+    pages: tuple[str, ...] = ()
 
     kind: ClassVar[str] = "campaign"
 
@@ -75,11 +78,11 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
     ) -> CampaignOutcome:
         from bayesdrill.campaigns import study
 
-        return study.run_campaign(self.plan, path, how, crew, report)
+        return study.run_campaign(self.plan, path, how, crew, report, asked=self.pages)
 
 
 @arguments.check_arguments
-def campaign(path: str | Path, *, seed: int | None = None) -> Campaign:
+def campaign(path: str | Path, *, seed: int | None = None, pages: Sequence[str] = ()) -> Campaign:
     """Prepare a campaign: list its runs, without reading their records; its `run` does the work.
 
     Parameters
@@ -88,6 +91,9 @@ def campaign(path: str | Path, *, seed: int | None = None) -> Campaign:
         The file of the campaign.
     seed : int, optional
         The seed of all runs, by default that of the file.
+    pages : sequence of str, optional
+        Runs of which pages are made, with the causes of a misfit; "outliers" stands for all that do
+        not belong to the others.
 
     Returns
     -------
@@ -108,7 +114,7 @@ def campaign(path: str | Path, *, seed: int | None = None) -> Campaign:
     if seed is not None:
         spec = plan.spec.model_copy(update={"seed": arguments.whole("seed", seed, 0)})
         plan = dataclasses.replace(plan, spec=spec)
-    return Campaign(plan)
+    return Campaign(plan, tuple(pages))
 
 
 @arguments.check_arguments

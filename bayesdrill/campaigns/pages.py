@@ -9,11 +9,12 @@ import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.basics import software
-from bayesdrill.campaigns.charts import runs_figure
+from bayesdrill.campaigns.charts import places, runs_figure
 from bayesdrill.campaigns.fit import PopulationFit
 from bayesdrill.campaigns.fits import Reference
 from bayesdrill.campaigns.outcomes import Estimate, ProductPopulation
 from bayesdrill.campaigns.records import CheckedRuns
+from bayesdrill.campaigns.run_pages import page_name
 from bayesdrill.campaigns.runs import CampaignPlan
 from bayesdrill.config.job import Job
 from bayesdrill.config.schema.campaign import SECONDS
@@ -25,6 +26,7 @@ from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.section import (
     Badge,
     Badges,
+    Link,
     Note,
     Picture,
     Section,
@@ -63,6 +65,7 @@ class CampaignRecord:
     doubts: reasons not to believe the fits of runs
     misfit: runs whose residuals are more than noise, and why
     alarms: runs and products that need a look
+    reasons: likely reasons of runs whose pages were made
     population: the population of the runs, in logs of SI
     """
 
@@ -73,6 +76,7 @@ class CampaignRecord:
     doubts: Mapping[str, tuple[str, ...]]
     misfit: Mapping[str, tuple[str, ...]]
     alarms: tuple[Alarm, ...]
+    reasons: Mapping[str, str]
     population: PopulationFit
 
 
@@ -149,20 +153,24 @@ def history_sentences(population: PopulationFit) -> Iterator[tuple[str, str, str
 
 
 def outlier_sentences(
-    population: PopulationFit, misfit: Mapping[str, tuple[str, ...]]
+    population: PopulationFit, misfit: Mapping[str, tuple[str, ...]], reasons: Mapping[str, str]
 ) -> Iterator[tuple[str, str]]:
     """Yield name and sentence of each run that does not belong to the population."""
     for run in population.runs:
         if run.outlier:
-            why = f"; {misfit[run.name][0]}" if run.name in misfit else ""
+            known = (reasons.get(run.name), *misfit.get(run.name, ()))
+            why = "".join(f"; {reason}" for reason in [*filter(None, known)][:1])
             yield run.name, f"{run.name} is {run.sds:.3g} sds off in {run.worst}{why}"
 
 
 def say_alarms(
-    population: PopulationFit, misfit: Mapping[str, tuple[str, ...]], not_used: Mapping[str, str]
+    population: PopulationFit,
+    misfit: Mapping[str, tuple[str, ...]],
+    not_used: Mapping[str, str],
+    reasons: Mapping[str, str],
 ) -> Iterator[Alarm]:
     """Yield an alarm for each foreign run, bad record, and product whose level is not constant."""
-    for name, sentence in outlier_sentences(population, misfit):
+    for name, sentence in outlier_sentences(population, misfit, reasons):
         yield Alarm(kind="outlier", run=name, product="", sentence=sentence)
     for name, reason in not_used.items():
         yield Alarm(kind="not used", run=name, product="", sentence=f"{name}: {reason}")
@@ -261,8 +269,10 @@ CHART = (
 )
 
 
-def campaign_sections(record: CampaignRecord, ending: str) -> tuple[Section, ...]:
-    """Build the sections of a campaign, the verdict first."""
+def campaign_sections(
+    record: CampaignRecord, ending: str = "png", links: tuple[Link, ...] = ()
+) -> tuple[Section, ...]:
+    """Build the sections of a campaign, the verdict first; `links` are the points of its figure."""
     population = record.population
     doubts = population_reasons(population)
     steady = not record.alarms
@@ -274,7 +284,9 @@ def campaign_sections(record: CampaignRecord, ending: str) -> tuple[Section, ...
         f"left out one by one, {100 * held.within_50:.0f} % of runs lie in the 50 % intervals of all "
         f"others, and {100 * held.within_90:.0f} % in the 90 % intervals"
     )
-    foreign = [sentence for _, sentence in outlier_sentences(population, record.misfit)]
+    foreign = [
+        sentence for _, sentence in outlier_sentences(population, record.misfit, record.reasons)
+    ]
     bad = [f"{name}: {reason}" for name, reason in record.not_used.items()]
     history = [f"{finding} ({details})" for _, finding, details in history_sentences(population)]
     weak = [f"{name}: {reasons[0]}" for name, reasons in record.doubts.items()]
@@ -286,7 +298,7 @@ def campaign_sections(record: CampaignRecord, ending: str) -> tuple[Section, ...
             warning if doubts else None,
         ),
         build("Products", products_table(population), Note(TABLE_EXPLAINED), coverage),
-        build("Over time", "\n".join(history), Picture("runs", CHART, ending)),
+        build("Over time", "\n".join(history), Picture("runs", CHART, ending, links)),
         build(
             "Runs that do not belong",
             "\n".join(foreign[:MOST_NAMED]) or "none",
@@ -302,7 +314,7 @@ def campaign_sections(record: CampaignRecord, ending: str) -> tuple[Section, ...
 
 def screen(record: CampaignRecord) -> str:
     """Return the text for a terminal, whose last line is the verdict."""
-    return "\n\n".join(as_text(campaign_sections(record, "png")))
+    return "\n\n".join(as_text(campaign_sections(record)))
 
 
 def write(
@@ -313,13 +325,16 @@ def write(
     place, formats = folder.path / FIGURES, output.formats_or_default
     place.mkdir(exist_ok=True)
     symbols = job.problem.symbols
-    figure = runs_figure(plan, population, reference.exponents, symbols, WIDTHS[output.size])
+    figure, points = runs_figure(
+        plan, population, reference.exponents, symbols, WIDTHS[output.size]
+    )
     note = {"Title": record.name, "Creator": software.creator()}
     style.save(figure, place, "runs", note, formats=formats, dpi=output.dpi)
     folder.write_text("population.csv", population_csv(population))
     write_runs(plan, population, folder)
     ending = output_files.preferred_format(formats)
-    sections = campaign_sections(record, ending)
+    links = tuple(_link(record, *place) for place in places(figure, points))
+    sections = campaign_sections(record, ending, links)
     title = f"Campaign {record.name}"
     folder.write_text("summary.md", as_markdown(title, sections))
     lines = (
@@ -330,6 +345,13 @@ def write(
     )
     every = (*sections, run_report.made_of(lines, folder.path), run_report.cite())
     folder.write_text("report.html", as_html(title, "campaign", every, place, symbols))
+
+
+def _link(record: CampaignRecord, run: str, x: float, y: float) -> Link:
+    """Return the link from a point to the page of its run, or how to make this page."""
+    if run in record.reasons:
+        return Link(x, y, run, page_name(run))
+    return Link(x, y, f"{run}: bayesdrill campaign ... --page {run} makes its page")
 
 
 def population_csv(population: PopulationFit) -> str:

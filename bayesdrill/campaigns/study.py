@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.basics import seeds, software
-from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.errors import InputError, Issue, did_you_mean
 from bayesdrill.basics.json_records import as_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns import fits, pages
@@ -20,7 +21,8 @@ from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
 from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_population
 from bayesdrill.campaigns.fits import Reference
 from bayesdrill.campaigns.pages import CampaignRecord, say_alarms
-from bayesdrill.campaigns.records import CheckedRuns, KnownRecords, base_job, check_runs
+from bayesdrill.campaigns.records import CheckedRuns, KnownRecords, base_job, check_runs, run_job
+from bayesdrill.campaigns.run_pages import page_links, write_page
 from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan
 from bayesdrill.config.job import Job
 from bayesdrill.output_files import CAMPAIGN, DRAWS
@@ -32,6 +34,7 @@ from bayesdrill.tasks.remote import RefitExecutor
 REFERENCE, RECORD = "reference.json", "campaign.json"
 FORM = 1  # version of both files
 LEAST_RUNS = 3  # of a population
+OUTLIERS = "outliers"  # in the place of names of runs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,12 +57,20 @@ def run_campaign(
     crew: RefitExecutor,
     report: Reporter,
     known: KnownRecords | None = None,
+    asked: Sequence[str] = (),
 ) -> CampaignOutcome:
     """Run a campaign into `output`; raises `Interrupted` when asked to stop.
+
+    Pages are made of the runs that are `asked` for; `OUTLIERS` stands for those that do not belong.
 
     What is known of records is kept in `known`, with which bad records are left out instead of raised.
     """
     _need_parquet(plan)
+    names = [run.name for run in plan.runs]
+    for name in asked:
+        if name not in (*names, OUTLIERS):
+            message = f"no run is called {name}{did_you_mean(name, names)}"
+            raise InputError.at("--page", message)
     problems = None if known is None else list[Issue]()
     with Folder(output, how, _marks(plan), CAMPAIGN) as folder:
         checked = check_runs(plan, report, problems, known)
@@ -77,7 +88,9 @@ def run_campaign(
         with interruptions(folder, progress, (InputError,)):
             reference = _reference(job, folder, crew, report)
             fits.fit_runs(plan, job, reference, checked.digests, output, crew, report)
-            return _publish(plan, job, reference, checked, folder, problems or [], report)
+            return _publish(
+                plan, job, reference, checked, folder, problems or [], asked, crew, report
+            )
 
 
 def _too_few(plan: CampaignPlan, count: int, reasons: list[Issue]) -> InputError:
@@ -119,11 +132,13 @@ def _publish(
     checked: CheckedRuns,
     folder: Folder,
     problems: list[Issue],
+    asked: Sequence[str],
+    crew: RefitExecutor,
     report: Reporter,
 ) -> CampaignOutcome:
     """Sample the population of what is fitted, and write all tables and pages."""
     kept = list(fits.kept_draws(plan, reference, checked.digests, folder.path))
-    used = [(run, fitted) for run, fitted in kept if len(fitted.log_interim) > 1]
+    used = [(run, fitted) for run, fitted in kept if fitted.usable]
     runs = tuple(
         InterimDraws(
             name=run.name,
@@ -136,9 +151,7 @@ def _publish(
         for run, fitted in used
     )
     not_used = {
-        run.name: (*fitted.reasons, "its draws are beyond the priors")[0]
-        for run, fitted in kept
-        if len(fitted.log_interim) < 2
+        run.name: (*fitted.reasons, fits.BEYOND)[0] for run, fitted in kept if not fitted.usable
     }
     if len(runs) < LEAST_RUNS:
         raise _too_few(plan, len(runs), [*itertools.starmap(Issue, not_used.items()), *problems])
@@ -149,6 +162,17 @@ def _publish(
     if population is None:
         rng = seeds.stream(plan.spec.seed, "campaign", 1)
         population = fit_population(draws, settings, rng, report)
+    marks = {x: fits.draws_mark(digest, reference) for x, digest in checked.digests.items()}
+    outcomes = {outcome.name: outcome for outcome in population.runs}
+    for run, _ in used:
+        outcome = outcomes[run.name]
+        if run.name in asked or (outcome.outlier and OUTLIERS in asked):
+            made = run_job(plan, run)
+            write_page(made, reference, outcome, marks[run.name], folder, crew, report)
+    for name in {*asked} - {*outcomes, OUTLIERS}:
+        report.say(f"{name} has no page, as none of its draws can be used")
+    found = page_links(folder.path, marks, [*outcomes])
+    reasons = {name: page.reason for name, page in found.items()}
     doubts = {run.name: fitted.reasons for run, fitted in used if fitted.reasons}
     misfit = {run.name: fitted.misfit for run, fitted in used if fitted.misfit}
     not_used |= {issue.place: issue.message for issue in problems}
@@ -159,7 +183,8 @@ def _publish(
         not_used=not_used,
         doubts=doubts,
         misfit=misfit,
-        alarms=tuple(say_alarms(population, misfit, not_used)),
+        alarms=tuple(say_alarms(population, misfit, not_used, reasons)),
+        reasons=reasons,
         population=population,
     )
     pages.write(plan, job, reference, record, folder)

@@ -125,6 +125,25 @@ def test_a_population_is_sampled_again_only_when_something_that_decides_it_chang
     assert copy.record["mark"] != json.loads(pages["campaign.json"])["mark"]
 
 
+def test_a_run_has_a_page_on_demand_to_which_its_points_link(copy: Finished) -> None:
+    """A page of other draws is none, so that its links go when a record changes."""
+    assert 'class="links"' in (copy.folder / "report.html").read_text()
+    assert "--page run_2 makes its page" in (copy.folder / "report.html").read_text()
+    assert "Traceback" not in copy.command("campaign", "--page", "run_2").text
+    (page,) = (copy.folder / "pages").glob("*.html")
+    text = page.read_text()
+    assert "In the campaign" in text
+    assert "data:image/png" in text
+    assert f'<a href="pages/{page.name}">' in (copy.folder / "report.html").read_text()
+    assert copy.record["reasons"] == {"run_2": ""}
+    assert_refused(copy.command("campaign", "--page", "run_9"), "--page: no run is called run_9")
+    record = copy.path.parent / "runs" / "run_2.csv"
+    record.write_text("\n".join(record.read_text().splitlines()[:-10]) + "\n")
+    copy.command("campaign", "--resume")
+    assert copy.record["reasons"] == {}
+    assert "<a href" not in (copy.folder / "report.html").read_text().split("<main>")[1]
+
+
 def test_watch_takes_up_new_runs_and_raises_each_alarm_once(copy: Finished) -> None:
     """A run that cannot be read is an alarm, and joins when it is mended."""
     before = copy.draws
