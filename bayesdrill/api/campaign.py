@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -71,7 +72,7 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
         from bayesdrill.campaigns.pages import describe_plan
 
         checked = records.check_runs(self.plan, report or SILENT)
-        return describe_plan(self.plan, checked)
+        return describe_plan(self.plan, checked.notes)
 
     def _run(
         self, path: Path, how: WriteMode, crew: RefitExecutor, report: Reporter
@@ -168,6 +169,7 @@ def watch(
 
 def is_campaign(path: Path) -> bool:
     """Return whether a file is that of a campaign, and no config."""
-    from bayesdrill.config.yaml_source import read
+    return path.is_file() and _BASE.search(path.read_bytes()) is not None
 
-    return "base" in read(path).data
+
+_BASE = re.compile(rb"^\{?[\"']?base[\"']?\s*:", re.MULTILINE)  # only a campaign has such a key

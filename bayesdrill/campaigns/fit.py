@@ -29,8 +29,6 @@ MIN_RUNS = 3  # fewer runs say next to nothing about their spread
 MIN_TIMED_RUNS = 8  # fewer runs show no history
 MIN_EFFECTIVE = 100.0  # effective draws of a run, below which it has to be sampled again
 NOTED_PRECISION = 0.1  # prior precision of a coefficient of a noted column, over that of the runs
-EWMA_WEIGHT = 0.2  # weight of the newest run in a chart's moving average (Roberts 1959)
-CHART_LIMIT = 3.0  # standard deviations at which a control chart has its limits
 ALARM = 0.05  # a constant level that is less probable than this raises an alarm
 
 
@@ -60,16 +58,12 @@ class ControlChart:
 
     history: its history, and the probabilities of its descriptions
     score: distance of each run from the median run, in standard deviations of run and population
-    moving_average: exponentially weighted average of the scores
-    moving_limit: limit of that average at each run
     alarm: whether the level is hardly constant
     """
 
     product: str
     history: LevelHistory
     score: StoredArray
-    moving_average: StoredArray
-    moving_limit: StoredArray
     alarm: bool
 
 
@@ -159,13 +153,17 @@ def fit_population(
     rig = np.array([rigs.index(run.rig) for run in runs])
     noted, missing, ignored = _noted(draws)
     precision = np.full(noted.shape[1], NOTED_PRECISION)
-    plain = run_arrays(runs, rig, np.zeros((len(runs), len(products))), noted, precision)
+    plain = run_arrays(runs, rig, noted, precision)
     order = _order_of_time(draws)
     histories = _histories(draws, plain, noted, order, settings.spread_scale)
     offset, trends, extra_sd = _trends(histories, draws, order)
-    design = np.column_stack([noted, trends])
-    precision = np.append(precision, np.zeros(trends.shape[1]))
-    data = run_arrays(runs, rig, offset, design, precision)
+    used = np.isfinite(plain.log_interim)[..., None]  # the rest is padding
+    data = replace(
+        plain,
+        draws=np.where(used, plain.draws - offset[:, None], 0.0),
+        design=np.column_stack([plain.design, trends]),
+        precision=np.append(plain.precision, np.zeros(trends.shape[1])),
+    )
     sampled = sample_population(
         data,
         products,
@@ -297,22 +295,15 @@ def _charts(
     """Return the control chart of each product, about the median run."""
     charts = []
     for k, history in enumerate(histories):
-        alone = np.array([outcomes[r].alone[k] for r in order])
-        sd = np.array([outcomes[r].alone_sd[k] for r in order])
-        score = (alone - np.median(alone)) / np.hypot(sd, populations[k].spread.mean)
-        moving, average = np.zeros(len(order)), 0.0
-        for i, value in enumerate(score):
-            average += EWMA_WEIGHT * (value - average)
-            moving[i] = average
-        share = 1.0 - (1.0 - EWMA_WEIGHT) ** (2.0 * np.arange(1, len(order) + 1))
-        limit = CHART_LIMIT * np.sqrt(EWMA_WEIGHT / (2.0 - EWMA_WEIGHT) * share)
+        alone, sd = (
+            np.array([getattr(outcomes[r], name)[k] for r in order])
+            for name in ("alone", "alone_sd")
+        )
         charts.append(
             ControlChart(
                 product=populations[k].product,
                 history=history,
-                score=score,
-                moving_average=moving,
-                moving_limit=limit,
+                score=(alone - np.median(alone)) / np.hypot(sd, populations[k].spread.mean),
                 alarm=history.probabilities["constant"] < ALARM,
             )
         )

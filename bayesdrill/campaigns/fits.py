@@ -256,17 +256,23 @@ def write_draws(
 ) -> None:
     """Write the draws of a run, a column for each log product, with its name and its reasons."""
     import pyarrow
-    from pyarrow import parquet
 
     columns: dict[str, Any] = dict(zip(reference.products, fitted.log_products.T, strict=True))
     about = {"form": FORM, "run": name, "mark": mark}
     about |= {"reasons": fitted.reasons, "misfit": fitted.misfit, "attempt": fitted.attempt}
     table = pyarrow.table({**columns, INTERIM: fitted.log_interim})
     table = table.replace_schema_metadata({"bayesdrill": json.dumps(about)})
-    sink = pyarrow.BufferOutputStream()
-    parquet.write_table(table, sink)
     path = path_of(folder, name)
     path.parent.mkdir(exist_ok=True)
+    write_parquet(path, table)
+
+
+def write_parquet(path: Path, table: Any) -> None:
+    """Write a table of pyarrow at once."""
+    from pyarrow import BufferOutputStream, parquet
+
+    sink = BufferOutputStream()
+    parquet.write_table(table, sink)
     output_files.write(path, sink.getvalue().to_pybytes())
 
 
@@ -283,15 +289,15 @@ def read_draws(folder: Path, name: str, mark: str) -> FittedRun | None:
             if (about["form"], about["run"], about["mark"]) != (FORM, name, mark):
                 return None
             columns = [column.to_numpy() for column in file.read().columns]
+        return FittedRun(
+            log_products=np.stack(columns[:-1], axis=-1),
+            log_interim=columns[-1],
+            reasons=tuple(about["reasons"]),
+            misfit=tuple(about["misfit"]),
+            attempt=about["attempt"],
+        )
     except (OSError, ValueError, KeyError, TypeError, ArrowException):
         return None
-    return FittedRun(
-        log_products=np.stack(columns[:-1], axis=-1),
-        log_interim=columns[-1],
-        reasons=tuple(about["reasons"]),
-        misfit=tuple(about["misfit"]),
-        attempt=about["attempt"],
-    )
 
 
 def kept_draws(

@@ -18,7 +18,7 @@ from bayesdrill.config import loading
 from bayesdrill.config.records import simulation
 from bayesdrill.config.schema.campaign import CampaignSimulation, CampaignSpec
 from bayesdrill.config.yaml_source import Location, Source, read
-from bayesdrill.report.section import lines_as_csv
+from bayesdrill.report.section import mappings_as_csv
 
 TRUTH = "truth.csv"
 DIGITS = 8
@@ -56,10 +56,9 @@ def simulate_campaign(path: Path, seed: int | None, *, force: bool = False) -> d
         text = simulation.simulate(made, int(rng.integers(2**32)), file)
         output_files.write_text(file, text)
         samples[file] = len(text.splitlines()) - 1
-    heads = [*rows[0]]
-    output_files.write_text(table, lines_as_csv([heads, *([*row.values()] for row in rows)]))
-    every = [[name, *truth.values()] for name, truth in zip(names, truths, strict=True)]
-    output_files.write_text(folder / TRUTH, lines_as_csv([["name", *nominal], *every]))
+    output_files.write_text(table, mappings_as_csv(rows))
+    every = [{"name": name, **truth} for name, truth in zip(names, truths, strict=True)]
+    output_files.write_text(folder / TRUTH, mappings_as_csv(every))
     return samples
 
 

@@ -20,7 +20,7 @@ from bayesdrill.campaigns import fits, pages
 from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
 from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_population
 from bayesdrill.campaigns.fits import Reference
-from bayesdrill.campaigns.pages import CampaignRecord, say_alarms
+from bayesdrill.campaigns.pages import CampaignRecord, concluded
 from bayesdrill.campaigns.records import CheckedRuns, KnownRecords, base_job, check_runs, run_job
 from bayesdrill.campaigns.run_pages import page_links, write_page
 from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan
@@ -76,7 +76,7 @@ def run_campaign(
         checked = check_runs(plan, report, problems, known)
         if len(checked.digests) < LEAST_RUNS:
             raise _too_few(plan, len(checked.digests), problems or [])
-        report.say(pages.describe_plan(plan, checked))
+        report.say(pages.describe_plan(plan, checked.notes))
         job = base_job(plan, checked)
         folder.begin(status="running", seed=plan.spec.seed, versions=software.installed_versions())
         folder.write_text("campaign.yaml", plan.source.text)
@@ -173,26 +173,17 @@ def _publish(
         report.say(f"{name} has no page, as none of its draws can be used")
     found = page_links(folder.path, marks, [*outcomes])
     reasons = {name: page.reason for name, page in found.items()}
-    doubts = {run.name: fitted.reasons for run, fitted in used if fitted.reasons}
-    misfit = {run.name: fitted.misfit for run, fitted in used if fitted.misfit}
     not_used |= {issue.place: issue.message for issue in problems}
-    record = CampaignRecord(
-        name=plan.spec.name,
-        mark=mark,
-        verdict=pages.describe_population(population, not_used),
-        not_used=not_used,
-        doubts=doubts,
-        misfit=misfit,
-        alarms=tuple(say_alarms(population, misfit, not_used, reasons)),
-        reasons=reasons,
-        population=population,
+    doubts, misfit = (
+        {run.name: each for run, fitted in used if (each := getattr(fitted, name))}
+        for name in ("reasons", "misfit")
     )
+    record = concluded(plan.spec.name, mark, population, not_used, doubts, misfit, reasons)
     pages.write(plan, job, reference, record, folder)
     folder.write_text(RECORD, output_files.dumps_checksummed({"form": FORM, **as_data(record)}))
     folder.write_run(status="finished", files=folder.digests())
-    reasons = (*pages.population_reasons(population), *not_used.values())
-    said = pages.screen(record)
-    return CampaignOutcome(folder=folder.path, record=record, said=said, reasons=reasons)
+    said, why_not = pages.screen(record), (*record.unbelievable, *not_used.values())
+    return CampaignOutcome(folder=folder.path, record=record, said=said, reasons=why_not)
 
 
 def kept_record(folder: Path) -> CampaignRecord | None:
@@ -221,14 +212,9 @@ def _population_mark(draws: CampaignDraws, settings: PopulationSettings, seed: i
 
 def _nominal(job: Job, reference: Reference) -> dict[str, float]:
     """Return the nominal values of those products whose parameters all have one."""
-    values = job.problem.nominal
-    powers = zip(reference.products, reference.exponents, strict=True)
-    products = {
-        name: [(n, e) for n, e in zip(reference.names, exponents, strict=True) if e]
-        for name, exponents in powers
-    }
-    return {
-        name: float(np.prod([values[n] ** e for n, e in factors]))
-        for name, factors in products.items()
-        if all(n in values for n, _ in factors)
-    }
+    values, products = job.problem.nominal, dict[str, float]()
+    for name, exponents in zip(reference.products, reference.exponents, strict=True):
+        powers = {n: e for n, e in zip(reference.names, exponents, strict=True) if e}
+        if powers.keys() <= values.keys():
+            products[name] = float(np.prod([values[n] ** e for n, e in powers.items()]))
+    return products

@@ -281,6 +281,11 @@ def records_as_csv(kind: type, rows: Sequence[object]) -> str:
     return lines_as_csv([heads, *([getattr(row, key) for key in keys] for row in rows)])
 
 
+def mappings_as_csv(rows: Sequence[Mapping[str, object]]) -> str:
+    """Return CSV of one or more rows, each with its cells by head; None becomes an empty cell."""
+    return lines_as_csv([[*rows[0]], *([*row.values()] for row in rows)])
+
+
 def lines_as_csv(lines: Iterable[Sequence[object]]) -> str:
     """Return CSV of lines; None becomes an empty cell."""
     out = io.StringIO()

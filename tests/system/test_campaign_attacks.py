@@ -34,6 +34,7 @@ COMMANDS = {
     "posterior": ("posterior", "campaign.yaml", "-o", "out"),
 }
 Patch = pytest.MonkeyPatch
+RUN = "out/run.json"
 
 
 def lines_of(path: Path, change: Callable[[list[str]], list[str]]) -> None:
@@ -65,6 +66,7 @@ def lose_after_check(folder: Path, patch: Patch) -> None:
 def other_form(folder: Path, _: Patch) -> None:
     path = folder / "out" / "reference.json"
     data = output_files.loads_checksummed(path.read_bytes())
+    del data["values"]
     path.write_text(output_files.dumps_checksummed({**data, "form": 99}))
 
 
@@ -169,6 +171,6 @@ def test_what_goes_wrong_is_named_and_costs_nothing(
     assert len(messages) <= case.get("messages", len(messages)), result.err
     after = command_line.listing(folder)
     if "changes" not in case:
-        assert after == before
+        assert after | {RUN: b""} == before | {RUN: b""}  # which says how the last command ended
     kept = {name for name in before if name.startswith("out/draws/")}
     assert {name: after.get(name) for name in kept} == {name: before[name] for name in kept}
