@@ -187,16 +187,15 @@ def fit_runs(
     plan: CampaignPlan,
     job: Job,
     reference: Reference,
-    digests: Mapping[str, str],
+    marks: Mapping[str, str],
     folder: Path,
     crew: RefitExecutor,
     report: Reporter,
 ) -> None:
-    """Fit those runs of `digests` of which `folder` has no draws, and write each as soon as it is done.
+    """Fit those runs of `marks` of which `folder` has no draws, and write each as soon as it is done.
 
     The draws of a run depend on its record, its name and the reference alone.
     """
-    marks = {name: draws_mark(digest, reference) for name, digest in digests.items()}
     runs = [run for run in plan.runs if run.name in marks]
     attempts = dict[str, int]()  # of those that are to be sampled
     for run in runs:
@@ -235,10 +234,13 @@ def fit_runs(
     report.update(1.0, "")
 
 
-def draws_mark(digest: str, reference: Reference) -> str:
-    """Return a digest of all that decides the draws of a run."""
-    text = f"{digest} {json.dumps(asdict(reference), sort_keys=True)}"
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+def draws_marks(digests: Mapping[str, str], reference: Reference) -> dict[str, str]:
+    """Return, for each run, a digest of all that decides its draws; see `records.digest_of`."""
+    known = json.dumps(asdict(reference), sort_keys=True)
+    return {
+        name: hashlib.sha256(f"{digest} {known}".encode()).hexdigest()[:16]
+        for name, digest in digests.items()
+    }
 
 
 def path_of(folder: Path, name: str) -> Path:
@@ -301,11 +303,10 @@ def read_draws(folder: Path, name: str, mark: str) -> FittedRun | None:
 
 
 def kept_draws(
-    plan: CampaignPlan, reference: Reference, digests: Mapping[str, str], folder: Path
+    plan: CampaignPlan, marks: Mapping[str, str], folder: Path
 ) -> Iterator[tuple[CampaignRun, FittedRun]]:
-    """Yield all runs that are fitted, with their draws."""
+    """Yield all runs that are fitted, with the draws of these marks."""
     for run in plan.runs:
-        if run.name in digests:
-            fitted = read_draws(folder, run.name, draws_mark(digests[run.name], reference))
-            if fitted is not None:
-                yield run, fitted
+        fitted = read_draws(folder, run.name, marks[run.name]) if run.name in marks else None
+        if fitted is not None:
+            yield run, fitted

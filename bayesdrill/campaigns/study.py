@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
 from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_population
 from bayesdrill.campaigns.fits import Reference
 from bayesdrill.campaigns.pages import CampaignRecord, concluded
-from bayesdrill.campaigns.records import CheckedRuns, KnownRecords, base_job, check_runs, run_job
+from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs, run_job
 from bayesdrill.campaigns.run_pages import page_links, write_page
 from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan
 from bayesdrill.config.job import Job
@@ -87,9 +87,10 @@ def run_campaign(
 
         with interruptions(folder, progress, (InputError,)):
             reference = _reference(job, folder, crew, report)
-            fits.fit_runs(plan, job, reference, checked.digests, output, crew, report)
+            marks = fits.draws_marks(checked.digests, reference)
+            fits.fit_runs(plan, job, reference, marks, output, crew, report)
             return _publish(
-                plan, job, reference, checked, folder, problems or [], asked, crew, report
+                plan, job, reference, marks, folder, problems or [], asked, crew, report
             )
 
 
@@ -129,7 +130,7 @@ def _publish(
     plan: CampaignPlan,
     job: Job,
     reference: Reference,
-    checked: CheckedRuns,
+    marks: Mapping[str, str],
     folder: Folder,
     problems: list[Issue],
     asked: Sequence[str],
@@ -137,7 +138,7 @@ def _publish(
     report: Reporter,
 ) -> CampaignOutcome:
     """Sample the population of what is fitted, and write all tables and pages."""
-    kept = list(fits.kept_draws(plan, reference, checked.digests, folder.path))
+    kept = list(fits.kept_draws(plan, marks, folder.path))
     used = [(run, fitted) for run, fitted in kept if fitted.usable]
     runs = tuple(
         InterimDraws(
@@ -162,7 +163,6 @@ def _publish(
     if population is None:
         rng = seeds.stream(plan.spec.seed, "campaign", 1)
         population = fit_population(draws, settings, rng, report)
-    marks = {x: fits.draws_mark(digest, reference) for x, digest in checked.digests.items()}
     outcomes = {outcome.name: outcome for outcome in population.runs}
     for run, _ in used:
         outcome = outcomes[run.name]

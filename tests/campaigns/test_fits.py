@@ -112,12 +112,13 @@ def test_a_failed_run_is_sampled_again_with_another_seed_until_it_has_been_tried
     monkeypatch.setattr(fits, "fit_run", fit_run)
     checked = records.check_runs(plan, SILENT)
     job = records.base_job(plan, checked)
+    marks = fits.draws_marks(checked.digests, REFERENCE)
 
     def sample() -> int:
         before = len(seeds)
         with ThreadPoolExecutor(1) as pool:
             crew = RefitExecutor(pool)
-            fits.fit_runs(plan, job, REFERENCE, checked.digests, tmp_path, crew, Saying())
+            fits.fit_runs(plan, job, REFERENCE, marks, tmp_path, crew, Saying())
         return len(seeds) - before
 
     assert sample() == 6
@@ -126,10 +127,7 @@ def test_a_failed_run_is_sampled_again_with_another_seed_until_it_has_been_tried
     failing.discard("run_2")
     assert [sample(), sample()] == [2, 0]
     assert len({*seeds}) == len(seeds) == 10
-    kept = {
-        run.name: fitted
-        for run, fitted in fits.kept_draws(plan, REFERENCE, checked.digests, tmp_path)
-    }
+    kept = {run.name: fitted for run, fitted in fits.kept_draws(plan, marks, tmp_path)}
     assert (kept["run_1"].attempt, kept["run_1"].usable) == (3, False)
     assert (kept["run_2"].attempt, kept["run_2"].reasons) == (3, ())
 
