@@ -204,13 +204,14 @@ def with_sd(mean: float, sd: float) -> str:
     return f"{percent(mean)} +- {100 * sd:.2g} %"
 
 
-def _level(head: str, level: Estimate, following: Estimate) -> dict[str, str]:
-    """Return cells with a level, its standard deviation, and the 90 % interval of the next run."""
-    return {
-        head: f"{np.exp(level.mean):.4g}",
-        "+-": f"{100 * level.sd:.2g} %",
-        "next run, 90 %": f"{np.exp(following.low_90):.4g} to {np.exp(following.high_90):.4g}",
-    }
+def _level(head: str, level: Estimate) -> dict[str, str]:
+    """Return cells with a level and its standard deviation."""
+    return {head: f"{np.exp(level.mean):.4g}", "+-": f"{100 * level.sd:.2g} %"}
+
+
+def _following(ahead: Estimate) -> dict[str, str]:
+    """Return a cell with the 90 % interval of the next run."""
+    return {"next run, 90 %": f"{np.exp(ahead.low_90):.4g} to {np.exp(ahead.high_90):.4g}"}
 
 
 def products_table(population: PopulationFit) -> Table:
@@ -221,9 +222,10 @@ def products_table(population: PopulationFit) -> Table:
         says = "" if table is None else "agrees" if table.agrees else "disagrees"
         return {
             "": p.product,
-            **_level("centre", p.centre, p.next_run),
+            **_level("centre", p.centre),
             "runs differ by": f"{100 * p.spread.mean:.2g} %",
             "rigs differ by": "" if p.rig_spread is None else f"{100 * p.rig_spread.mean:.2g} %",
+            **_following(p.next_run),
             "nominal": "" if table is None else f"{np.exp(table.nominal):.4g}",
             "nominal is off": "" if table is None else percent(-table.offset.mean),
             "verdict": says,
@@ -249,7 +251,9 @@ def noted_table(population: PopulationFit) -> Table | None:
 def rigs_table(population: PopulationFit) -> Table | None:
     """Return the table of rigs: the level of each, and its next run."""
     lines = [
-        {"rig": rig.rig, "product": rig.product, **_level("level", rig.level, rig.next_run)}
+        {"rig": rig.rig, "product": rig.product}
+        | _level("level", rig.level)
+        | _following(rig.next_run)
         for rig in population.rigs
     ]
     return table_of(lines, "rig", "product") if lines else None
