@@ -118,12 +118,12 @@ def concluded(
     ]
     for chart in population.charts:
         kind, product = chart.history.best, chart.product
-        found = [*_histories(population, product)]
-        history += found
+        sentences = [*_histories(population, product)]
+        history += sentences
         if chart.alarm:
             alarms += [
                 Alarm(kind=kind, product=product, sentence=f"{finding} ({details})")
-                for finding, details in found
+                for finding, details in sentences
             ]
     return CampaignRecord(
         name=name,

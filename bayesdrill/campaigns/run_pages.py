@@ -131,5 +131,5 @@ def likely_reason(outcome: RunOutcome, causes: Causes | None) -> str:
 
 def page_links(folder: Path, marks: Mapping[str, str], runs: Sequence[str]) -> dict[str, RunPage]:
     """Return the pages that exist of these runs, with the marks of their draws."""
-    found = {run: read_page(folder, run, marks[run]) for run in runs}
-    return {run: page for run, page in found.items() if page is not None}
+    known = {run: read_page(folder, run, marks[run]) for run in runs}
+    return {run: page for run, page in known.items() if page is not None}

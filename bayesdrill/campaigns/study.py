@@ -171,8 +171,8 @@ def _publish(
             write_page(made, reference, outcome, marks[run.name], folder, crew, report)
     for name in {*asked} - {*outcomes, OUTLIERS}:
         report.say(f"{name} has no page, as none of its draws can be used")
-    found = page_links(folder.path, marks, [*outcomes])
-    reasons = {name: page.reason for name, page in found.items()}
+    known = page_links(folder.path, marks, [*outcomes])
+    reasons = {name: page.reason for name, page in known.items()}
     not_used |= {issue.place: issue.message for issue in problems}
     doubts, misfit = (
         {run.name: each for run, fitted in used if (each := getattr(fitted, name))}
