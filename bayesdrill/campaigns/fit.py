@@ -153,17 +153,13 @@ def fit_population(
     rig = np.array([rigs.index(run.rig) for run in runs])
     noted, missing, ignored = _noted(draws)
     precision = np.full(noted.shape[1], NOTED_PRECISION)
-    plain = run_arrays(runs, rig, noted, precision)
+    plain = run_arrays(runs, rig, np.zeros((len(runs), len(products))), noted, precision)
     order = _order_of_time(draws)
     histories = _histories(draws, plain, noted, order, settings.spread_scale)
     offset, trends, extra_sd = _trends(histories, draws, order)
-    used = np.isfinite(plain.log_interim)[..., None]  # the rest is padding
-    data = replace(
-        plain,
-        draws=np.where(used, plain.draws - offset[:, None], 0.0),
-        design=np.column_stack([plain.design, trends]),
-        precision=np.append(plain.precision, np.zeros(trends.shape[1])),
-    )
+    design = np.column_stack([noted, trends])
+    precision = np.append(precision, np.zeros(trends.shape[1]))
+    data = run_arrays(runs, rig, offset, design, precision)
     sampled = sample_population(
         data,
         products,

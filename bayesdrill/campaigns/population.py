@@ -58,17 +58,17 @@ class RunArrays:
 
 
 def run_arrays(
-    runs: Sequence[InterimDraws], rig: Indices, design: Array, precision: Array
+    runs: Sequence[InterimDraws], rig: Indices, offset: Array, design: Array, precision: Array
 ) -> RunArrays:
-    """Pad the draws of all runs to one array."""
-    n_products = runs[0].log_products.shape[1]
+    """Pad the draws of all runs, minus `offset (R, K)`, to one array."""
+    n_products = offset.shape[1]
     most = int(MAX_NUMBERS / (len(runs) * n_products))
     taken = [run.thinned(min(MAX_DRAWS, max(MIN_DRAWS, most))) for run in runs]
     counts = np.array([len(log_interim) for _, log_interim in taken])
     draws = np.zeros((len(runs), int(counts.max()), n_products))
     log_interim = np.full(draws.shape[:2], np.inf)
     for r, (z, log_density) in enumerate(taken):
-        draws[r, : counts[r]] = z
+        draws[r, : counts[r]] = z - offset[r]
         log_interim[r, : counts[r]] = log_density - log_density.max()
     n_rigs = int(rig.max()) + 1
     if n_rigs == 1:  # the level of the only rig is a coefficient like others

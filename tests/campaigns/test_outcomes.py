@@ -45,8 +45,8 @@ def arrays(estimates: np.ndarray, sd: float = 0.01, width: float = 0.05) -> RunA
                 log_interim=log_interim,
             )
         )
-    none = np.zeros((len(runs), 0))
-    return run_arrays(runs, np.zeros(len(runs), int), none, np.zeros(0))
+    none, zeros = np.zeros((len(runs), 0)), np.zeros((len(runs), 2))
+    return run_arrays(runs, np.zeros(len(runs), int), zeros, none, np.zeros(0))
 
 
 @cache

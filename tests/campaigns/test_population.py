@@ -33,7 +33,7 @@ def sampled(n_products: int, ess: float) -> PopulationDraws:
         )
         runs.append(run)
     nothing = np.zeros((4, 0))
-    data = run_arrays(runs, np.zeros(4, int), nothing, np.zeros(0))
+    data = run_arrays(runs, np.zeros(4, int), np.zeros((4, n_products)), nothing, np.zeros(0))
     names, rng = tuple("pq")[:n_products], np.random.default_rng(1)
     targets = Targets(r_hat=1.01, n_tau=50, ess=ess)
     return sample_population(data, names, SCALE, targets, 30_000, 4, 10**6, rng, SILENT)
