@@ -441,12 +441,17 @@ def campaign(
     ] = False,
     force: Force = False,
     seed: Annotated[int | None, option("Default: the campaign's.", min=0)] = None,
+    page: Annotated[
+        list[str] | None,
+        option("Make the page of a run, or of all `outliers`, and go on.", metavar="RUN"),
+    ] = None,
     processes: Processes = None,
     scheduler: Scheduler = None,
 ) -> None:
     """Fit many runs of a config, each alone, and then their population: spread, drift, outliers."""
+    resume |= page is not None and not force
     options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
-    done = _run("campaign", campaign, output, {"seed": seed}, **options)
+    done = _run("campaign", campaign, output, {"seed": seed, "pages": page or ()}, **options)
     files = "report.html, summary.md, population.csv, runs.parquet, ..."
     _end(done.said, done.folder, files, good=not done.reasons)
 
@@ -496,11 +501,11 @@ def simulate(
 @command("schema > schema.json")
 def schema(
     of: Annotated[
-        Literal["config", "run"],
-        option("The schema of configs, or of the run.json of a posterior.", "--of"),
+        Literal["config", "campaign", "run"],
+        option("The schema of configs, of campaigns, or of a posterior's run.json.", "--of"),
     ] = "config",
 ) -> None:
-    """Print the JSON schema of configs, for editors that complete and check them."""
+    """Print the JSON schema of configs or campaigns, for editors that complete and check them."""
     typer.echo(bd.schema(of), nl=False)
 
 

@@ -29,6 +29,7 @@ FIGURES = "figures"
 PIECES = ".pieces"
 REFITS = ".refits"
 DRAWS = "draws"  # of a campaign
+PAGES = "pages"  # of its runs
 RECOMMENDED = "recommended.yaml"  # of a ladder
 RECORD = "record.csv"  # the record of a case that was built from arrays
 CONFIG_FILE, RESOLVED_FILE = "config.yaml", "config.resolved.yaml"
@@ -166,7 +167,8 @@ CAMPAIGN = Kind(
     (
         *("campaign.yaml", "campaign.json", "reference.json", "population.csv", "runs.parquet"),
         *("summary.md", "report.html", f"{DRAWS}/#.parquet"),
-        *figure_files("runs", "drift", formats=FORMATS),
+        *(f"{PAGES}/#.html", f"{PAGES}/#.json"),
+        *figure_files("runs", formats=FORMATS),
     ),
 )
 LADDER = Kind(  # models of one record, each with a posterior in its own folder

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -31,9 +32,12 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
     ----------
     plan : CampaignPlan
         The entries of the campaign's file, and its runs.
+    pages : tuple of str
+        The runs of which `run` makes pages.
     """
 
     plan: CampaignPlan
+    pages: tuple[str, ...] = ()
 
     kind: ClassVar[str] = "campaign"
 
@@ -68,18 +72,18 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
         from bayesdrill.campaigns.pages import describe_plan
 
         checked = records.check_runs(self.plan, report or SILENT)
-        return describe_plan(self.plan, checked)
+        return describe_plan(self.plan, checked.notes)
 
     def _run(
         self, path: Path, how: WriteMode, crew: RefitExecutor, report: Reporter
     ) -> CampaignOutcome:
         from bayesdrill.campaigns import study
 
-        return study.run_campaign(self.plan, path, how, crew, report)
+        return study.run_campaign(self.plan, path, how, crew, report, asked=self.pages)
 
 
 @arguments.check_arguments
-def campaign(path: str | Path, *, seed: int | None = None) -> Campaign:
+def campaign(path: str | Path, *, seed: int | None = None, pages: Sequence[str] = ()) -> Campaign:
     """Prepare a campaign: list its runs, without reading their records; its `run` does the work.
 
     Parameters
@@ -88,6 +92,9 @@ def campaign(path: str | Path, *, seed: int | None = None) -> Campaign:
         The file of the campaign.
     seed : int, optional
         The seed of all runs, by default that of the file.
+    pages : sequence of str, optional
+        Runs of which pages are made, with the causes of a misfit; "outliers" stands for all that do
+        not belong to the others.
 
     Returns
     -------
@@ -108,7 +115,7 @@ def campaign(path: str | Path, *, seed: int | None = None) -> Campaign:
     if seed is not None:
         spec = plan.spec.model_copy(update={"seed": arguments.whole("seed", seed, 0)})
         plan = dataclasses.replace(plan, spec=spec)
-    return Campaign(plan)
+    return Campaign(plan, tuple(pages))
 
 
 @arguments.check_arguments
@@ -162,6 +169,7 @@ def watch(
 
 def is_campaign(path: Path) -> bool:
     """Return whether a file is that of a campaign, and no config."""
-    from bayesdrill.config.yaml_source import read
+    return path.is_file() and _BASE.search(path.read_bytes()) is not None
 
-    return {"base", "runs"} <= {*read(path).data}
+
+_BASE = re.compile(rb"^\{?[\"']?base[\"']?\s*:", re.MULTILINE)  # only a campaign has such a key

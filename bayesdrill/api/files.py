@@ -424,8 +424,8 @@ def schema(of: str = "config") -> str:
 
     Parameters
     ----------
-    of : {"config", "run"}
-        Whether the schema is that of configs, or of the `run.json` of a run.
+    of : {"config", "campaign", "run"}
+        Whether the schema is that of configs, of campaigns, or of the `run.json` of a run.
 
     Returns
     -------
@@ -435,17 +435,17 @@ def schema(of: str = "config") -> str:
     Raises
     ------
     InputError
-        If `of` is neither.
+        If `of` is none of these.
 
     Examples
     --------
     >>> bd.schema().startswith("{")
     True
     """
-    from bayesdrill.config.schema.json_schema import json_schema
+    from bayesdrill.config.schema.json_schema import campaign_schema, json_schema
     from bayesdrill.tasks.run_entries import run_schema
 
-    schemas = {"config": json_schema, "run": run_schema}
+    schemas = {"config": json_schema, "campaign": campaign_schema, "run": run_schema}
     return arguments.known(schemas, of, "of", "schema")()
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,12 +17,23 @@ from bayesdrill.report import scales, style
 from bayesdrill.report.pages import build_page, label_outside, legend_above
 from bayesdrill.report.style import Axes, Figure
 
+MOST_LINKED = 500  # runs of which the points of a page are links
 MOST_SHOWN = 2000  # runs; outliers are always shown
 BAR = style.fix_look(color=style.MIDDLE, linewidth=0.6, zorder=2)
 DOT = style.fix_look(color=style.BLACK, marker="o", markersize=2.2, linestyle="none")
 FOREIGN = style.fix_look(
     color=style.MAP_COLOUR, marker="x", markersize=4.5, markeredgewidth=1.2, linestyle="none"
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A run has a point at `x` and `y` of a panel."""
+
+    run: str
+    panel: Axes
+    x: float
+    y: float
 
 
 def level_over_time(history: LevelHistory, t: Array) -> Array:
@@ -43,8 +55,12 @@ def runs_figure(
     exponents: Sequence[Sequence[int]],
     symbols: Sequence[Symbol],
     width: float = scales.DOUBLE,
-) -> Figure:
-    """Draw a panel for each product: runs over time, or in order, in percent of the centre."""
+) -> tuple[Figure, tuple[Point, ...]]:
+    """Draw a panel for each product: runs over time, or in order, in percent of the centre.
+
+    Return also where the runs are.
+    """
+    points = list[Point]()
     times = {run.name: run.time for run in plan.runs}
     names = [run.name for run in population.runs]
     known = [times[name] for name in names]
@@ -56,7 +72,9 @@ def runs_figure(
     with style.styled(width):
         figure, panels = build_page(len(population.products), 2, 1.5, width)
         for k, panel in enumerate(panels):
-            _panel(panel, population, k, x)
+            heights = _panel(panel, population, k, x)
+            shown = style.thin(len(names), MOST_LINKED)
+            points += [Point(names[i], panel, x[i], heights[i]) for i in shown]
             latex = product_latex(exponents[k], symbols)
             panel.set_ylabel(rf"$\Delta\,{latex}$ [%]")
         label_outside(panels, label, "", share_y=False)
@@ -70,11 +88,22 @@ def runs_figure(
             looks["does not belong"] = FOREIGN
         if any(p.table is not None for p in population.populations):
             looks["nominal value"] = style.NOMINAL
-        return legend_above(figure, looks)
+        return legend_above(figure, looks), tuple(points)
 
 
-def _panel(panel: Axes, population: PopulationFit, k: int, x: Array) -> None:
-    """Draw the runs of product `k` at `x (R,)`, above the interval of a next run at their level."""
+def places(figure: Figure, points: Sequence[Point]) -> Iterator[tuple[str, float, float]]:
+    """Yield each run, and its place as fractions of a drawn figure from the upper left."""
+    for point in points:
+        pixels = point.panel.transData.transform((point.x, point.y))
+        across, up = figure.transFigure.inverted().transform(pixels)
+        yield point.run, float(across), 1.0 - float(up)
+
+
+def _panel(panel: Axes, population: PopulationFit, k: int, x: Array) -> Array:
+    """Draw the runs of product `k` at `x (R,)`, above the interval of a next run at their level.
+
+    Return the heights of their points.
+    """
     known, runs = population.populations[k], population.runs
     centre = known.centre.mean
 
@@ -110,3 +139,4 @@ def _panel(panel: Axes, population: PopulationFit, k: int, x: Array) -> None:
     style.scale_axis(panel.yaxis, scale, "", 5)
     if known.table is not None:
         style.mark_values(panel, scale, float(relative(known.table.nominal)), vertical=True)
+    return np.where(foreign, relative(alone), relative(shrunk))

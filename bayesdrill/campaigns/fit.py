@@ -29,8 +29,6 @@ MIN_RUNS = 3  # fewer runs say next to nothing about their spread
 MIN_TIMED_RUNS = 8  # fewer runs show no history
 MAX_ERROR = 0.05  # of the mixture of a run, in probability, beyond which it is not believed
 NOTED_PRECISION = 0.1  # prior precision of a coefficient of a noted column, over that of the runs
-EWMA_WEIGHT = 0.2  # weight of the newest run in a chart's moving average (Roberts 1959)
-CHART_LIMIT = 3.0  # standard deviations at which a control chart has its limits
 ALARM = 0.05  # a constant level that is less probable than this raises an alarm
 
 
@@ -60,16 +58,12 @@ class ControlChart:
 
     history: its history, and the probabilities of its descriptions
     score: distance of each run from the median run, in standard deviations of run and population
-    moving_average: exponentially weighted average of the scores
-    moving_limit: limit of that average at each run
     alarm: whether the level is hardly constant
     """
 
     product: str
     history: LevelHistory
     score: StoredArray
-    moving_average: StoredArray
-    moving_limit: StoredArray
     alarm: bool
 
 
@@ -299,22 +293,15 @@ def _charts(
     """Return the control chart of each product, about the median run."""
     charts = []
     for k, history in enumerate(histories):
-        alone = np.array([outcomes[r].alone[k] for r in order])
-        sd = np.array([outcomes[r].alone_sd[k] for r in order])
-        score = (alone - np.median(alone)) / np.hypot(sd, populations[k].spread.mean)
-        moving, average = np.zeros(len(order)), 0.0
-        for i, value in enumerate(score):
-            average += EWMA_WEIGHT * (value - average)
-            moving[i] = average
-        share = 1.0 - (1.0 - EWMA_WEIGHT) ** (2.0 * np.arange(1, len(order) + 1))
-        limit = CHART_LIMIT * np.sqrt(EWMA_WEIGHT / (2.0 - EWMA_WEIGHT) * share)
+        alone, sd = (
+            np.array([getattr(outcomes[r], name)[k] for r in order])
+            for name in ("alone", "alone_sd")
+        )
         charts.append(
             ControlChart(
                 product=populations[k].product,
                 history=history,
-                score=score,
-                moving_average=moving,
-                moving_limit=limit,
+                score=(alone - np.median(alone)) / np.hypot(sd, populations[k].spread.mean),
                 alarm=history.probabilities["constant"] < ALARM,
             )
         )

@@ -39,8 +39,10 @@ from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 FORM = 1  # version of the files of draws
 SEARCHES = 3  # of a run: from the reference, and from two draws of the prior
 WALKERS = 64  # of each ensemble, at most; as many draws as wanted need no more
+MOST_ATTEMPTS = 3  # of a run that cannot be sampled, or does not converge, each with another seed
 BATCH = 200  # runs whose records are in memory at the same time
 INTERIM = "log_interim"
+BEYOND = "its draws are beyond the priors"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,14 +63,26 @@ class Reference:
 class FittedRun:
     """A fitted run has draws, as `InterimDraws` has them, and reasons not to believe them.
 
-    `misfit` are the reasons among them why its residuals are no noise.  Without draws nothing could
-    be sampled.
+    `misfit` are the reasons among them why its residuals are no noise, and `attempt` counts how often
+    it was sampled.
     """
 
     log_products: Array
     log_interim: Array
     reasons: tuple[str, ...]
     misfit: tuple[str, ...] = ()
+    attempt: int = 1
+
+    @property
+    def usable(self) -> bool:
+        """Return whether there are draws; else nothing could be sampled."""
+        return len(self.log_interim) > 1
+
+    @property
+    def complete(self) -> bool:
+        """Return whether the run has draws that converged, or has been sampled often enough."""
+        sound = self.usable and len(self.reasons) == len(self.misfit)
+        return sound or self.attempt >= MOST_ATTEMPTS
 
 
 def find_reference(job: Job, crew: RefitExecutor) -> Reference:
@@ -92,13 +106,15 @@ def find_reference(job: Job, crew: RefitExecutor) -> Reference:
     )
 
 
-def seed_of(plan: CampaignPlan, run: CampaignRun) -> int:
-    """Return the seed of a run, which follows from its name and the seed of the campaign alone."""
-    digest = hashlib.sha256(f"{plan.spec.seed} {run.name}".encode("utf-8", "replace")).digest()
+def seed_of(plan: CampaignPlan, run: CampaignRun, attempt: int = 1) -> int:
+    """Return the seed of a run, which follows from its name, the campaign's seed, and the attempt."""
+    again = f" {attempt}" if attempt > 1 else ""
+    text = f"{plan.spec.seed} {run.name}{again}"
+    digest = hashlib.sha256(text.encode("utf-8", "replace")).digest()
     return int.from_bytes(digest[:8])
 
 
-def run_plan(plan: CampaignPlan, run: CampaignRun, job: Job) -> FitPlan:
+def run_plan(plan: CampaignPlan, run: CampaignRun, job: Job, attempt: int = 1) -> FitPlan:
     """Return how a run is fitted: as in a calibration, with as many effective draws as wanted."""
     settings, given = job.config.calibration, fit_plan(job)
     effort = float(plan.spec.effort)
@@ -108,7 +124,7 @@ def run_plan(plan: CampaignPlan, run: CampaignRun, job: Job) -> FitPlan:
         targets=targets,
         walkers=max(min(given.chains.walkers, WALKERS), 4 * len(job.problem.names)),
         max_steps=max(settings.max_steps, given.chains.max_steps),
-        seed=seed_of(plan, run),
+        seed=seed_of(plan, run, attempt),
     )
     return replace(given, starts=SEARCHES, chains=chains, brief=True)
 
@@ -173,18 +189,25 @@ def fit_runs(
     plan: CampaignPlan,
     job: Job,
     reference: Reference,
-    digests: Mapping[str, str],
+    marks: Mapping[str, str],
     folder: Path,
     crew: RefitExecutor,
     report: Reporter,
 ) -> None:
-    """Fit those runs of `digests` of which `folder` has no draws, and write each as soon as it is done.
+    """Fit those runs of `marks` of which `folder` has no draws, and write each as soon as it is done.
 
     The draws of a run depend on its record, its name and the reference alone.
     """
-    marks = {name: _mark(digest, reference) for name, digest in digests.items()}
     runs = [run for run in plan.runs if run.name in marks]
-    missing = [run for run in runs if read_draws(folder, run.name, marks[run.name]) is None]
+    attempts = dict[str, int]()  # of those that are to be sampled
+    for run in runs:
+        kept = read_draws(folder, run.name, marks[run.name])
+        if kept is None or not kept.complete:
+            attempts[run.name] = 1 if kept is None else kept.attempt + 1
+        if kept is not None and not kept.complete:
+            again = f"{run.name} is sampled again, attempt {kept.attempt + 1} of {MOST_ATTEMPTS}"
+            report.say(f"{again}: {(*kept.reasons, BEYOND)[0]}")
+    missing = [run for run in runs if run.name in attempts]
     total, begun, done = len(runs), time.monotonic(), len(runs) - len(missing)
     first = done
     if missing:
@@ -192,7 +215,8 @@ def fit_runs(
 
     def finish(name: str, fitted: FittedRun) -> str:
         nonlocal done
-        write_draws(folder, name, marks[name], reference, fitted)
+        attempted = replace(fitted, attempt=attempts[name])
+        write_draws(folder, name, marks[name], reference, attempted)
         done += 1
         rate = 60.0 * (done - first) / (time.monotonic() - begun)
         return f"{done} of {total} runs, {rate:.3g} a minute"
@@ -201,22 +225,34 @@ def fit_runs(
     for batch in batched(missing, BATCH):
         made = ((run, run_job(plan, run, job.case)) for run in batch)
         jobs = {
-            run.name: (packed(each.problem.posterior, run_plan(plan, run, each), reference),)
+            run.name: (
+                packed(
+                    each.problem.posterior, run_plan(plan, run, each, attempts[run.name]), reference
+                ),
+            )
             for run, each in made
         }
         run_jobs(crew, fit_run, jobs, finish, folder.parent, stage)
     report.update(1.0, "")
 
 
-def _mark(digest: str, reference: Reference) -> str:
-    text = f"{digest} {json.dumps(asdict(reference), sort_keys=True)}"
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+def draws_marks(digests: Mapping[str, str], reference: Reference) -> dict[str, str]:
+    """Return, for each run, a digest of all that decides its draws; see `records.digest_of`."""
+    known = json.dumps(asdict(reference), sort_keys=True)
+    return {
+        name: hashlib.sha256(f"{digest} {known}".encode()).hexdigest()[:16]
+        for name, digest in digests.items()
+    }
 
 
 def path_of(folder: Path, name: str) -> Path:
     """Return the path of the draws of a run, whose name may be none that a file can have."""
-    number = int.from_bytes(hashlib.sha256(name.encode("utf-8", "replace")).digest()[:7])
-    return folder / DRAWS / f"{number}.parquet"
+    return folder / DRAWS / f"{number_of(name)}.parquet"
+
+
+def number_of(name: str) -> int:
+    """Return the number in the names of a run's files."""
+    return int.from_bytes(hashlib.sha256(name.encode("utf-8", "replace")).digest()[:7])
 
 
 def write_draws(
@@ -224,17 +260,23 @@ def write_draws(
 ) -> None:
     """Write the draws of a run, a column for each log product, with its name and its reasons."""
     import pyarrow
-    from pyarrow import parquet
 
     columns: dict[str, Any] = dict(zip(reference.products, fitted.log_products.T, strict=True))
     about = {"form": FORM, "run": name, "mark": mark}
-    about |= {"reasons": fitted.reasons, "misfit": fitted.misfit}
+    about |= {"reasons": fitted.reasons, "misfit": fitted.misfit, "attempt": fitted.attempt}
     table = pyarrow.table({**columns, INTERIM: fitted.log_interim})
     table = table.replace_schema_metadata({"bayesdrill": json.dumps(about)})
-    sink = pyarrow.BufferOutputStream()
-    parquet.write_table(table, sink)
     path = path_of(folder, name)
     path.parent.mkdir(exist_ok=True)
+    write_parquet(path, table)
+
+
+def write_parquet(path: Path, table: Any) -> None:
+    """Write a table of pyarrow at once."""
+    from pyarrow import BufferOutputStream, parquet
+
+    sink = BufferOutputStream()
+    parquet.write_table(table, sink)
     output_files.write(path, sink.getvalue().to_pybytes())
 
 
@@ -251,22 +293,22 @@ def read_draws(folder: Path, name: str, mark: str) -> FittedRun | None:
             if (about["form"], about["run"], about["mark"]) != (FORM, name, mark):
                 return None
             columns = [column.to_numpy() for column in file.read().columns]
+        return FittedRun(
+            log_products=np.stack(columns[:-1], axis=-1),
+            log_interim=columns[-1],
+            reasons=tuple(about["reasons"]),
+            misfit=tuple(about["misfit"]),
+            attempt=about["attempt"],
+        )
     except (OSError, ValueError, KeyError, TypeError, ArrowException):
         return None
-    return FittedRun(
-        log_products=np.stack(columns[:-1], axis=-1),
-        log_interim=columns[-1],
-        reasons=tuple(about["reasons"]),
-        misfit=tuple(about["misfit"]),
-    )
 
 
 def kept_draws(
-    plan: CampaignPlan, reference: Reference, digests: Mapping[str, str], folder: Path
+    plan: CampaignPlan, marks: Mapping[str, str], folder: Path
 ) -> Iterator[tuple[CampaignRun, FittedRun]]:
-    """Yield all runs that are fitted, with their draws."""
+    """Yield all runs that are fitted, with the draws of these marks."""
     for run in plan.runs:
-        if run.name in digests:
-            fitted = read_draws(folder, run.name, _mark(digests[run.name], reference))
-            if fitted is not None:
-                yield run, fitted
+        fitted = read_draws(folder, run.name, marks[run.name]) if run.name in marks else None
+        if fitted is not None:
+            yield run, fitted

@@ -8,7 +8,7 @@ import math
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,12 +22,11 @@ from bayesdrill.basics.errors import (
     shortened,
 )
 from bayesdrill.config import loading
-from bayesdrill.config.schema.campaign import SECONDS, CampaignSpec
+from bayesdrill.config.schema.campaign import SECONDS, CampaignSpec, TimeUnit
 from bayesdrill.config.yaml_source import Location, Source, read
 from bayesdrill.record.formats.arrays import CUT_SHORT
 from bayesdrill.record.formats.table import decode, missing_package
 
-COLUMNS = ("file", "name", "rig", "time")  # of a table of runs, beside those that were noted
 NO_PARQUET = "Parquet, in which a campaign keeps its draws,"
 
 
@@ -35,15 +34,17 @@ NO_PARQUET = "Parquet, in which a campaign keeps its draws,"
 class CampaignRun:
     """A run has a name, the `path` of its record, and what was noted beside it.
 
-    `time` [s] is that since the first run.  `changes` are entries of the config that differ.
+    `time` [s] is that since the first run.  `changes` are entries of the config that differ, and
+    `place` is the line that lists the run.
     """
 
     name: str
     path: Path
-    rig: str
-    time: float | None
-    noted: Mapping[str, float]
-    changes: Mapping[str, Any]
+    rig: str = ""
+    time: float | None = None
+    noted: Mapping[str, float] = field(default_factory=dict)
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    place: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,28 +57,20 @@ class CampaignPlan:
     spec: CampaignSpec
     source: Source
     base: Source
-    runs: tuple[CampaignRun, ...]
-    notes: tuple[str, ...]
+    runs: tuple[CampaignRun, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
-    """A row stands at `place`, with its plain entries."""
-
-    place: str
-    path: Path
-    name: str
-    rig: str
-    time: float | str | None
-    noted: Mapping[str, float]
-
-
+Listed = list[tuple[CampaignRun, Any]]  # with the time as it is written; None or "": none
 NumberedRow = tuple[int, Sequence[Any]]  # the number of a row of a table, and its cells
 
 
 def read_spec(path: Path) -> tuple[Source, CampaignSpec]:
     """Read the file of a campaign; raises `InputError` with all its mistakes."""
     source = read(path)
+    if "record" in source.data:
+        message = "is a config of one record; the file of a campaign has `base` and `runs`"
+        raise InputError.at(str(path), message)
     return source, loading.read_document(CampaignSpec, source)
 
 
@@ -87,47 +80,25 @@ def read_plan(path: Path) -> CampaignPlan:
     No record is read.
     """
     source, spec = read_spec(path)
-    folder, issues = path.parent, list[Issue]()
-    rows = _rows(source, spec, issues)
-    names = [row.name for row in rows]
-    for section, known in (("leave_out", spec.leave_out), ("overrides", spec.overrides)):
-        for k, name in enumerate(known):
-            if rows and name not in names:
-                at: Location = (section, k if section == "leave_out" else name)
-                issues.append(
-                    source.issue(at, f"no run is called {name}{did_you_mean(name, names)}")
-                )
-    rows = [row for row in rows if row.name not in spec.leave_out]
-    if names and not rows:
-        issues.append(source.issue(("leave_out",), "no run remains; take some out of this list"))
-    issues += [
-        Issue(r.place, "its file has a NUL in its name") for r in rows if "\0" in str(r.path)
-    ]
-    issues += _repeated(rows)
-    times = _times(rows, spec, issues)
-    issues += _repeated_times(rows, times)
-    base = read(folder / spec.base)
+    base, issues = read(path.parent / spec.base), list[Issue]()
     if "experiments" in base.data:
         message = "has several experiments; a campaign needs a config of a single record"
         issues.append(source.issue(("base",), message))
+    listed = _listed(source, spec, issues)
+    issues += _mistaken_entries(source, spec, [run.name for run, _ in listed])
+    listed = [(run, time) for run, time in listed if run.name not in spec.leave_out]
+    times = _times(listed, spec, issues)
+    runs = [
+        replace(run, time=time, changes=spec.overrides.get(run.name, {}))
+        for (run, _), time in zip(listed, times, strict=True)
+    ]
+    issues += _repeated(runs)
     if issues:
         raise InputError(list(dict.fromkeys(issues)))
-    runs = [
-        CampaignRun(
-            name=row.name,
-            path=row.path,
-            rig=row.rig,
-            time=time,
-            noted=row.noted,
-            changes=spec.overrides.get(row.name, {}),
-        )
-        for row, time in zip(rows, times, strict=True)
-    ]
     if spec.by_name or None not in times:
         runs.sort(key=lambda run: (run.time or 0.0, natural_key(run.name)))
-    return CampaignPlan(
-        spec=spec, source=source, base=base, runs=tuple(runs), notes=tuple(_notes(spec, rows))
-    )
+    notes = tuple(_notes(spec, runs))
+    return CampaignPlan(spec=spec, source=source, base=base, runs=tuple(runs), notes=notes)
 
 
 def natural_key(name: str) -> tuple[Any, ...]:
@@ -138,63 +109,97 @@ def natural_key(name: str) -> tuple[Any, ...]:
 _PARTS = re.compile(r"(\d+)", re.ASCII)
 
 
-def _rows(source: Source, spec: CampaignSpec, issues: list[Issue]) -> list[_Row]:
-    if isinstance(spec.runs, list):
+def _mistaken_entries(source: Source, spec: CampaignSpec, names: Sequence[str]) -> Iterable[Issue]:
+    """Yield the mistakes of entries that name runs, columns and files."""
+    places: dict[Location, str] = {("leave_out", k): name for k, name in enumerate(spec.leave_out)}
+    for place, name in (places | {("overrides", name): name for name in spec.overrides}).items():
+        if names and name not in names:
+            yield source.issue(place, f"no run is called {name}{did_you_mean(name, names)}")
+    if names and not {*names}.difference(spec.leave_out):
+        yield source.issue(("leave_out",), "no run remains; take some out of this list")
+    for name, changes in spec.overrides.items():
+        record = changes.get("record")
+        if isinstance(record, Mapping) and "file" in record:
+            message = "the file of a run is that of `runs`; change it there"
+            yield source.issue(("overrides", name, "record", "file"), message)
+    for k, name in enumerate(spec.noted):
+        if name in spec.noted[:k]:
+            yield source.issue(("noted", k), f"{name} stands here twice; remove one of them")
+
+
+def _listed(source: Source, spec: CampaignSpec, issues: list[Issue]) -> Listed:
+    """Return all runs, those that are left out, too."""
+    folder, runs = source.path.parent, spec.runs
+    if isinstance(runs, list):
+        for k, run in enumerate(runs):
+            for name in run.noted.keys() - {*spec.noted}:
+                message = (
+                    f"is not in the list `noted` of the campaign{did_you_mean(name, spec.noted)}"
+                )
+                issues.append(source.issue(("runs", k, "noted", name), message))
         return [
-            _Row(
-                source.issue(("runs", k), "").place,
-                source.path.parent / run.file,
-                run.name or Path(run.file).stem,
-                run.rig,
+            (
+                CampaignRun(
+                    name=run.name or Path(run.file).stem,
+                    path=folder / run.file,
+                    rig=run.rig,
+                    noted={
+                        n: math.nan if (x := run.noted.get(n)) is None else x for n in spec.noted
+                    },
+                    place=source.issue(("runs", k), "").place,
+                ),
                 run.time,
-                {n: math.nan if (x := run.noted.get(n)) is None else x for n in spec.noted},
             )
-            for k, run in enumerate(spec.runs)
+            for k, run in enumerate(runs)
         ]
-    path = source.path.parent / spec.runs
-    if not glob.has_magic(spec.runs):
-        return _table_rows(path, spec, issues)
+    if not glob.has_magic(runs):
+        if (folder / runs).is_dir():
+            message = f"{runs} is a folder; give a glob such as {runs}/*.csv, or a table of runs"
+            raise source.error(("runs",), message)
+        return _table_rows(folder / runs, spec, issues)
     if spec.noted:
         message = "a glob has no columns; name a table of runs, with the columns file and these"
         issues.append(source.issue(("noted",), message))
-    inside = "" if Path(spec.runs).is_absolute() else f"{glob.escape(str(source.path.parent))}/"
-    matches = sorted(glob.iglob(inside + spec.runs, recursive=True), key=natural_key)
+    inside = "" if Path(runs).is_absolute() else f"{glob.escape(str(folder))}/"
+    matches = sorted(glob.iglob(inside + runs, recursive=True), key=natural_key)
     files = [Path(match) for match in matches if os.path.splitext(match)[1]]
     if not files:
-        message = f"no file matches {spec.runs}, in the folder of this file; check both"
+        message = f"no file matches {runs}, in the folder of this file; check both"
         issues.append(source.issue(("runs",), message))
-    return [_Row(str(file), file, file.stem, "", None, {}) for file in files]
+    return [(CampaignRun(name=file.stem, path=file, place=str(file)), None) for file in files]
 
 
-def _table_rows(path: Path, spec: CampaignSpec, issues: list[Issue]) -> list[_Row]:
+def _table_rows(path: Path, spec: CampaignSpec, issues: list[Issue]) -> Listed:
     columns, cells = _parquet(path) if path.suffix == ".parquet" else _csv(path)
     twice = dict.fromkeys(name for name in columns if columns.count(name) > 1)
-    issues += [Issue(str(path), f"has two columns {name}; rename one of them") for name in twice]
-    for name in ("file", *spec.noted):
-        if name not in columns:
-            hint = did_you_mean(name, columns)
-            issues.append(Issue(str(path), f"has no column {name}{hint}"))
-    if issues:
-        return []
-    rows = []
-    for number, row in cells:
+    wrong = [f"has two columns {name}; rename one of them" for name in twice]
+    lacking = [name for name in ("file", *spec.noted) if name not in columns]
+    wrong += [f"has no column {name}{did_you_mean(name, columns)}" for name in lacking]
+    if not wrong and not cells:
+        wrong = ["has no rows; a campaign needs at least three runs"]
+    issues += [Issue(str(path), message) for message in wrong]
+    rows, folder = Listed(), path.parent
+    for number, row in cells if not wrong else ():
         place = f"{path} row {number}"
-        known: dict[str, Any] = dict(zip(columns, row, strict=False))
         if len(row) != len(columns):
             issues.append(
                 Issue(place, f"has {count_noun(len(row), 'cell')}, the header {len(columns)}")
             )
             continue
+        known = dict(zip(columns, row, strict=True))
         file = str(known["file"] or "")
-        if not file:
-            issues.append(Issue(place, "names no file"))
+        if not file or "\0" in file:
+            message = "its file has a NUL in its name" if file else "names no file"
+            issues.append(Issue(place, message))
             continue
-        noted = {name: _number(known[name], name, place, issues) for name in spec.noted}
-        time = known.get("time")
-        name = str(known.get("name") or Path(file).stem)
-        rows.append(_Row(place, path.parent / file, name, str(known.get("rig") or ""), time, noted))
-    if not rows and not issues:
-        issues.append(Issue(str(path), "has no rows; a campaign needs at least two runs"))
+        run = CampaignRun(
+            name=str(known.get("name") or Path(file).stem),
+            path=folder / file,
+            rig=str(known.get("rig") or ""),
+            noted={name: _number(known[name], name, place, issues) for name in spec.noted},
+            place=place,
+        )
+        rows.append((run, known.get("time")))
     return rows
 
 
@@ -234,87 +239,80 @@ def _number(cell: Any, name: str, place: str, issues: list[Issue]) -> float:
     return value
 
 
-def _repeated(rows: Sequence[_Row]) -> Iterable[Issue]:
-    """Yield an issue for each name, and each file, that stands for a second run."""
-    names, files = dict[str, _Row](), dict[str, _Row]()
-    for row in rows:
-        path = os.path.abspath(row.path)  # `resolve` would look at each file of a million
-        if path in files:
-            other = files[path].place
-            yield Issue(row.place, f"{row.path} is a run already ({other}); take out one of them")
-        elif row.name in names:
-            other = str(names[row.name].path)
-            message = f"{row.path} and {other} have the name {row.name}; give `name` in a table"
-            yield Issue(row.place, message)
-        names.setdefault(row.name, row)
-        files.setdefault(path, row)
-
-
-def _times(rows: Sequence[_Row], spec: CampaignSpec, issues: list[Issue]) -> list[float | None]:
+def _times(listed: Listed, spec: CampaignSpec, issues: list[Issue]) -> Sequence[float | None]:
     """Return the times [s] of all runs since the first, or None for each."""
-    blank = [row for row in rows if row.time in (None, "")]
+    blank = [run for run, time in listed if time in (None, "")]
     if spec.by_name:
-        if len(blank) < len(rows):
-            issues.append(Issue(rows[0].place, "runs have times; remove `by_name`"))
-        order = sorted((row.name for row in rows), key=natural_key)
+        if len(blank) < len(listed):
+            issues.append(Issue(listed[0][0].place, "runs have times; remove `by_name`"))
+        order = sorted((run.name for run, _ in listed), key=natural_key)
         places = {name: k * SECONDS[spec.time_unit] for k, name in enumerate(order)}
-        return [places[row.name] for row in rows]
-    if len(blank) == len(rows):
-        return [None] * len(rows)
+        return [places[run.name] for run, _ in listed]
+    if len(blank) == len(listed):
+        return [None] * len(listed)
     issues += [
-        Issue(row.place, "has no time, and other runs have; give all or none") for row in blank
+        Issue(run.place, "has no time, and other runs have; give all or none") for run in blank
     ]
-    seconds = list[float]()
-    for row in rows:
-        try:
-            seconds.append(_seconds(row.time, spec))
-        except ValueError:
-            message = (
-                f"'{shortened(str(row.time))}' is neither a number nor a date (2026-03-01T12:00)"
-            )
-            issues += [Issue(f"{row.place}: time", message)] if row not in blank else []
-            seconds.append(math.nan)
-    numeric = {_is_number(row.time) for row in rows if row not in blank}
-    if len(numeric) > 1:
-        issues.append(
-            Issue(rows[0].place, "some times are numbers and others dates; write all alike")
-        )
+    seconds, kinds = list[float](), set[str]()
+    for run, time in listed:
+        kind, second = _seconds(time, spec.time_unit)
+        seconds.append(second)
+        kinds.add(kind)
+        if not kind and time not in (None, ""):
+            message = f"'{shortened(str(time))}' is neither a number nor a date (2026-03-01T12:00)"
+            issues.append(Issue(f"{run.place}: time", message))
+    if {"number", "date"} <= kinds:
+        message = "some times are numbers and others dates; write all alike"
+        issues.append(Issue(listed[0][0].place, message))
     start = min(seconds)
     return [second - start for second in seconds]
 
 
-def _is_number(time: object) -> bool:
+def _seconds(time: object, unit: TimeUnit) -> tuple[str, float]:
+    """Return whether a time is a number or a date, or neither, and the time in seconds.
+
+    A date without a zone is one of UTC.
+    """
+    text = str(time)
     try:
-        return math.isfinite(float(str(time)))
+        second = float(text) * SECONDS[unit]
     except ValueError:
-        return False
+        try:
+            date = time if isinstance(time, datetime) else datetime.fromisoformat(text)
+        except ValueError:
+            return "", math.nan
+        return "date", (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
+    return ("number", second) if math.isfinite(second) else ("", math.nan)
 
 
-def _seconds(time: object, spec: CampaignSpec) -> float:
-    """Return a time in seconds; raises `ValueError`.  A date without a zone is one of UTC."""
-    if _is_number(time):
-        return float(str(time)) * SECONDS[spec.time_unit]
-    date = time if isinstance(time, datetime) else datetime.fromisoformat(str(time))
-    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
+def _repeated(runs: Sequence[CampaignRun]) -> Iterable[Issue]:
+    """Yield an issue for each run with the name, the file, or rig and time of another."""
+    names, files = dict[str, CampaignRun](), dict[str, CampaignRun]()
+    times = dict[tuple[str, float], str]()
+    for run in runs:
+        path = os.path.abspath(run.path)  # `resolve` would look at each file of a million
+        if path in files:
+            other = files[path].place
+            yield Issue(run.place, f"{run.path} is a run already ({other}); take out one of them")
+        elif run.name in names:
+            other = str(names[run.name].path)
+            message = f"{run.path} and {other} have the name {run.name}; give `name` in a table"
+            yield Issue(run.place, message)
+        names.setdefault(run.name, run)
+        files.setdefault(path, run)
+        if run.time is not None and not math.isnan(run.time):
+            other = times.setdefault((run.rig, run.time), run.name)
+            if other != run.name:
+                message = f"{run.name} has the time of {other}; give each its own, or none at all"
+                yield Issue(run.place, message)
 
 
-def _repeated_times(rows: Sequence[_Row], times: Sequence[float | None]) -> Iterable[Issue]:
-    """Yield an issue for each run with the time of another run of its rig."""
-    known = dict[tuple[str, float], str]()
-    for row, time in zip(rows, times, strict=True):
-        if time is not None and not math.isnan(time):
-            other = known.setdefault((row.rig, time), row.name)
-            if other != row.name:
-                message = f"{row.name} has the time of {other}; give each its own, or none at all"
-                yield Issue(row.place, message)
-
-
-def _notes(spec: CampaignSpec, rows: Sequence[_Row]) -> Iterable[str]:
+def _notes(spec: CampaignSpec, runs: Sequence[CampaignRun]) -> Iterable[str]:
     """Yield sentences on what is allowed, but should be known."""
     if spec.leave_out:
         yield f"left out by name: {', '.join(spec.leave_out)}"
     for name in spec.noted:
-        blank = [row.name for row in rows if math.isnan(row.noted[name])]
+        blank = [run.name for run in runs if math.isnan(run.noted[name])]
         if blank:
             listed = ", ".join(blank[:10]) + (", ..." if len(blank) > 10 else "")
-            yield f"{name} was not noted in {len(blank)} of {len(rows)} runs: {listed}"
+            yield f"{name} was not noted in {len(blank)} of {len(runs)} runs: {listed}"

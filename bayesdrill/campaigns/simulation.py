@@ -18,7 +18,7 @@ from bayesdrill.config import loading
 from bayesdrill.config.records import simulation
 from bayesdrill.config.schema.campaign import CampaignSimulation, CampaignSpec
 from bayesdrill.config.yaml_source import Location, Source, read
-from bayesdrill.report.section import lines_as_csv
+from bayesdrill.report.section import mappings_as_csv
 
 TRUTH = "truth.csv"
 DIGITS = 8
@@ -44,23 +44,21 @@ def simulate_campaign(path: Path, seed: int | None, *, force: bool = False) -> d
     if not force:
         for file in (table, folder / TRUTH, *files):
             output_files.refuse_existing(file, (path, base.path), force=False)
-    samples, plan = (
-        dict[Path, int](),
-        CampaignPlan(spec=spec, source=source, base=base, runs=(), notes=()),
-    )
+    folder.mkdir(parents=True, exist_ok=True)
+    samples, plan = dict[Path, int](), CampaignPlan(spec=spec, source=source, base=base)
     for truth, file in zip(truths, files, strict=True):
         run = CampaignRun(
-            name=file.stem, path=file, rig="", time=None, noted={},
+            name=file.stem,
+            path=file,
             changes={"simulation": {n: x for n, x in truth.items() if x != nominal[n]}},
-        )  # fmt: skip
+        )
         made = run_case(plan, run, case)
         text = simulation.simulate(made, int(rng.integers(2**32)), file)
         output_files.write_text(file, text)
         samples[file] = len(text.splitlines()) - 1
-    heads = [*rows[0]]
-    output_files.write_text(table, lines_as_csv([heads, *([*row.values()] for row in rows)]))
-    every = [[name, *truth.values()] for name, truth in zip(names, truths, strict=True)]
-    output_files.write_text(folder / TRUTH, lines_as_csv([["name", *nominal], *every]))
+    output_files.write_text(table, mappings_as_csv(rows))
+    every = [{"name": name, **truth} for name, truth in zip(names, truths, strict=True)]
+    output_files.write_text(folder / TRUTH, mappings_as_csv(every))
     return samples
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,15 +13,16 @@ import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.basics import seeds, software
-from bayesdrill.basics.errors import InputError, Issue, count_noun
+from bayesdrill.basics.errors import InputError, Issue, count_noun, did_you_mean
 from bayesdrill.basics.json_records import as_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns import fits, pages
 from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
-from bayesdrill.campaigns.fit import PopulationSettings, fit_population
+from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_population
 from bayesdrill.campaigns.fits import Reference
-from bayesdrill.campaigns.pages import CampaignRecord, say_alarms
-from bayesdrill.campaigns.records import CheckedRuns, KnownRecords, base_job, check_runs
+from bayesdrill.campaigns.pages import CampaignRecord, concluded
+from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs, run_job
+from bayesdrill.campaigns.run_pages import page_links, write_page
 from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan
 from bayesdrill.config.job import Job
 from bayesdrill.output_files import CAMPAIGN, DRAWS
@@ -31,6 +34,7 @@ from bayesdrill.tasks.remote import RefitExecutor
 REFERENCE, RECORD = "reference.json", "campaign.json"
 FORM = 1  # version of both files
 LEAST_RUNS = 3  # of a population
+OUTLIERS = "outliers"  # in the place of names of runs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,18 +57,26 @@ def run_campaign(
     crew: RefitExecutor,
     report: Reporter,
     known: KnownRecords | None = None,
+    asked: Sequence[str] = (),
 ) -> CampaignOutcome:
     """Run a campaign into `output`; raises `Interrupted` when asked to stop.
+
+    Pages are made of the runs that are `asked` for; `OUTLIERS` stands for those that do not belong.
 
     What is known of records is kept in `known`, with which bad records are left out instead of raised.
     """
     _need_parquet(plan)
+    names = [run.name for run in plan.runs]
+    for name in asked:
+        if name not in (*names, OUTLIERS):
+            message = f"no run is called {name}{did_you_mean(name, names)}"
+            raise InputError.at("--page", message)
     problems = None if known is None else list[Issue]()
     with Folder(output, how, _marks(plan), CAMPAIGN) as folder:
         checked = check_runs(plan, report, problems, known)
         if len(checked.digests) < LEAST_RUNS:
             raise _too_few(plan, len(checked.digests), problems or [])
-        report.say(pages.describe_plan(plan, checked))
+        report.say(pages.describe_plan(plan, checked.notes))
         job = base_job(plan, checked)
         folder.begin(status="running", seed=plan.spec.seed, versions=software.installed_versions())
         folder.write_text("campaign.yaml", plan.source.text)
@@ -75,8 +87,11 @@ def run_campaign(
 
         with interruptions(folder, progress, (InputError,)):
             reference = _reference(job, folder, crew, report)
-            fits.fit_runs(plan, job, reference, checked.digests, output, crew, report)
-            return _publish(plan, job, reference, checked, folder, problems or [], report)
+            marks = fits.draws_marks(checked.digests, reference)
+            fits.fit_runs(plan, job, reference, marks, output, crew, report)
+            return _publish(
+                plan, job, reference, marks, folder, problems or [], asked, crew, report
+            )
 
 
 def _too_few(plan: CampaignPlan, count: int, reasons: list[Issue]) -> InputError:
@@ -115,14 +130,16 @@ def _publish(
     plan: CampaignPlan,
     job: Job,
     reference: Reference,
-    checked: CheckedRuns,
+    marks: Mapping[str, str],
     folder: Folder,
     problems: list[Issue],
+    asked: Sequence[str],
+    crew: RefitExecutor,
     report: Reporter,
 ) -> CampaignOutcome:
     """Sample the population of what is fitted, and write all tables and pages."""
-    kept = list(fits.kept_draws(plan, reference, checked.digests, folder.path))
-    used = [(run, fitted) for run, fitted in kept if len(fitted.log_interim) > 1]
+    kept = list(fits.kept_draws(plan, marks, folder.path))
+    used = [(run, fitted) for run, fitted in kept if fitted.usable]
     runs = tuple(
         InterimDraws(
             name=run.name,
@@ -135,46 +152,69 @@ def _publish(
         for run, fitted in used
     )
     not_used = {
-        run.name: (*fitted.reasons, "its draws are beyond the priors")[0]
-        for run, fitted in kept
-        if len(fitted.log_interim) < 2
+        run.name: (*fitted.reasons, fits.BEYOND)[0] for run, fitted in kept if not fitted.usable
     }
     if len(runs) < LEAST_RUNS:
         raise _too_few(plan, len(runs), [*itertools.starmap(Issue, not_used.items()), *problems])
     draws = CampaignDraws(products=reference.products, runs=runs)
-    rng = seeds.stream(plan.spec.seed, "campaign", 1)
     settings = PopulationSettings(nominal=_nominal(job, reference))
-    population = fit_population(draws, settings, rng, report)
-    doubts = {run.name: fitted.reasons for run, fitted in used if fitted.reasons}
-    misfit = {run.name: fitted.misfit for run, fitted in used if fitted.misfit}
+    mark = _population_mark(draws, settings, plan.spec.seed)
+    population = _kept_population(folder.path, mark)
+    if population is None:
+        rng = seeds.stream(plan.spec.seed, "campaign", 1)
+        population = fit_population(draws, settings, rng, report)
+    outcomes = {outcome.name: outcome for outcome in population.runs}
+    for run, _ in used:
+        outcome = outcomes[run.name]
+        if run.name in asked or (outcome.outlier and OUTLIERS in asked):
+            made = run_job(plan, run)
+            write_page(made, reference, outcome, marks[run.name], folder, crew, report)
+    for name in {*asked} - {*outcomes, OUTLIERS}:
+        report.say(f"{name} has no page, as none of its draws can be used")
+    known = page_links(folder.path, marks, [*outcomes])
+    reasons = {name: page.reason for name, page in known.items()}
     not_used |= {issue.place: issue.message for issue in problems}
-    record = CampaignRecord(
-        name=plan.spec.name,
-        verdict=pages.describe_population(population, not_used),
-        not_used=not_used,
-        doubts=doubts,
-        misfit=misfit,
-        alarms=tuple(say_alarms(population, misfit, not_used)),
-        population=population,
+    doubts, misfit = (
+        {run.name: each for run, fitted in used if (each := getattr(fitted, name))}
+        for name in ("reasons", "misfit")
     )
+    record = concluded(plan.spec.name, mark, population, not_used, doubts, misfit, reasons)
     pages.write(plan, job, reference, record, folder)
     folder.write_text(RECORD, output_files.dumps_checksummed({"form": FORM, **as_data(record)}))
     folder.write_run(status="finished", files=folder.digests())
-    reasons = (*pages.population_reasons(population), *not_used.values())
-    said = pages.screen(record)
-    return CampaignOutcome(folder=folder.path, record=record, said=said, reasons=reasons)
+    said, why_not = pages.screen(record), (*record.unbelievable, *not_used.values())
+    return CampaignOutcome(folder=folder.path, record=record, said=said, reasons=why_not)
+
+
+def kept_record(folder: Path) -> CampaignRecord | None:
+    """Return the record of earlier results; None if there is none, or if it cannot be read."""
+    with suppress(OSError, InputError):
+        return load_record(folder / RECORD, CampaignRecord, FORM)[0]
+    return None
+
+
+def _kept_population(folder: Path, mark: str) -> PopulationFit | None:
+    """Return the population of earlier results if all that decides it is as it was."""
+    record = kept_record(folder)
+    return None if record is None or record.mark != mark else record.population
+
+
+def _population_mark(draws: CampaignDraws, settings: PopulationSettings, seed: int) -> str:
+    """Return a digest of all that decides a population, beside the versions of the software."""
+    digest = hashlib.sha256(repr((draws.products, settings, seed)).encode())
+    for run in draws.runs:
+        about = repr((run.name, run.rig, run.time, dict(run.noted), run.log_products.shape))
+        digest.update(about.encode("utf-8", "replace"))
+        for numbers in (run.log_products, run.log_interim):
+            digest.update(np.ascontiguousarray(numbers))
+    return digest.hexdigest()[:16]
 
 
 def _nominal(job: Job, reference: Reference) -> dict[str, float]:
     """Return the nominal values of those products whose parameters all have one."""
-    values = job.problem.nominal
-    powers = zip(reference.products, reference.exponents, strict=True)
-    products = {
-        name: [(n, e) for n, e in zip(reference.names, exponents, strict=True) if e]
-        for name, exponents in powers
-    }
-    return {
-        name: float(np.prod([values[n] ** e for n, e in factors]))
-        for name, factors in products.items()
-        if all(n in values for n, _ in factors)
-    }
+    values, products = job.problem.nominal, dict[str, float]()
+    for name, exponents in zip(reference.products, reference.exponents, strict=True):
+        powers = {n: e for n, e in zip(reference.names, exponents, strict=True) if e}
+        if powers.keys() <= values.keys():
+            products[name] = float(np.prod([values[n] ** e for n, e in powers.items()]))
+    return products

@@ -10,13 +10,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.json_records import from_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns.pages import Alarm
 from bayesdrill.campaigns.records import KnownRecords, stamp_of
 from bayesdrill.campaigns.runs import CampaignPlan, read_plan
-from bayesdrill.campaigns.study import LEAST_RUNS, RECORD, run_campaign
-from bayesdrill.output_files import RUN, loads_checksummed, refuse_unwritable
+from bayesdrill.campaigns.study import LEAST_RUNS, kept_record, run_campaign
+from bayesdrill.output_files import RUN, refuse_unwritable
 from bayesdrill.results.run_folder import WriteMode
 from bayesdrill.tasks.remote import RefitExecutor
 
@@ -31,7 +30,8 @@ def watch(
     Raises `InputError` at once if the output cannot be written.
     """
     refuse_unwritable(output)
-    known, raised = KnownRecords(), {_subject(alarm) for alarm in _alarms_before(output)}
+    before = kept_record(output)  # alarms of damaged results come again
+    known, raised = KnownRecords(), {*map(_subject, before.alarms if before else ())}
     while True:
         plan = read_plan(path)
         _wait_until_written(plan, known)
@@ -78,15 +78,6 @@ def _wait_until_written(plan: CampaignPlan, known: KnownRecords) -> None:
     new = [run.path for run in plan.runs if run.name not in known]
     newest = max((stamp_of(path)[1] for path in new), default=0) / 1e9
     time.sleep(min(max(newest + SETTLED - time.time(), 0.0), SETTLED))
-
-
-def _alarms_before(output: Path) -> tuple[Alarm, ...]:
-    """Return the alarms of earlier results; none if these are damaged, so that they come again."""
-    try:
-        data = loads_checksummed((output / RECORD).read_bytes())
-        return from_data(tuple[Alarm, ...], data["alarms"])
-    except (OSError, ValueError, KeyError):
-        return ()
 
 
 def _subject(alarm: Alarm) -> tuple[str, str, str]:

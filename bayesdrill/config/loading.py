@@ -69,6 +69,9 @@ def validate(source: Source, before: ResolvedCase | None = None) -> ResolvedCase
 
     Entries that are the same in a case `before` it are not validated again.
     """
+    if {"base", "runs"} <= source.data.keys():
+        message = "is the file of a campaign; `check`, `campaign`, `watch` and `simulate` take it"
+        raise InputError.at(str(source.path), message)
     words = load_vocabulary(source)
     known = {} if before is None else {each.label: each for each in before.experiments}
     if EXPERIMENTS in source.data:

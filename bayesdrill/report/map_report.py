@@ -116,8 +116,8 @@ class MapReport:
             PAGE: as_markdown(self.config.name, self.sections),
         }
 
-    def page(self, folder: Path) -> str:
-        """Return the page as HTML, with the pictures and the config that stand in `folder`."""
+    def page(self, folder: Path, *more: Section) -> str:
+        """Return the page as HTML, with the pictures and the config in `folder`, and `more` below."""
         config = self.config
         marks = provenance.marks(config, self.problem)
         lines = (
@@ -127,7 +127,7 @@ class MapReport:
             ("seed", marks["Seed"]),
             ("versions", marks["Versions"]),
         )
-        every = (*self.sections, made_of(lines, folder))
+        every = (*self.sections, *more, made_of(lines, folder))
         figures = folder / output_files.FIGURES
         return as_html(config.name, "maximum", every, figures, self.problem.symbols)
 

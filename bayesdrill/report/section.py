@@ -82,15 +82,29 @@ class Badges:
 
 
 @dataclass(frozen=True, slots=True)
+class Link:
+    """The link is a point of a picture, at fractions of its width and height from the upper left.
+
+    `says` is shown above it; without a `url` that is all.
+    """
+
+    x: float
+    y: float
+    says: str
+    url: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Picture:
     """The picture refers to a figure of the run by the `stem` of its files.
 
-    `says` is the caption, and `ending` is the type of the file that a page shows.
+    `says` is the caption, `ending` the type of the file that a page shows, and `links` its points.
     """
 
     stem: str
     says: str
     ending: str = "png"
+    links: tuple[Link, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +224,7 @@ def _in_markdown(block: Block) -> str:
             return _no_html(text)
         case Badges(badges):
             return _no_html(", ".join(f"**{mark.text}**" for mark in badges))
-        case Picture(stem, says, ending):
+        case Picture(stem, says, ending, _):
             picture = "" if ending == "pdf" else "!"  # pages cannot show a PDF
             return _no_html(f"{picture}[{says}](figures/{stem}.{ending})")
 
@@ -265,6 +279,11 @@ def records_as_csv(kind: type, rows: Sequence[object]) -> str:
     keys = [field.name for field in dataclasses.fields(kind)]
     heads = [CSV_HEADS.get(key, key) for key in keys]
     return lines_as_csv([heads, *([getattr(row, key) for key in keys] for row in rows)])
+
+
+def mappings_as_csv(rows: Sequence[Mapping[str, object]]) -> str:
+    """Return CSV of one or more rows, each with its cells by head; None becomes an empty cell."""
+    return lines_as_csv([[*rows[0]], *([*row.values()] for row in rows)])
 
 
 def lines_as_csv(lines: Iterable[Sequence[object]]) -> str:

@@ -1,6 +1,7 @@
 """The fit of one run of a campaign, and the file of its draws."""
 
 import dataclasses
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,14 @@ from support import campaigns
 from support.command_line import assert_refused, cli
 
 from bayesdrill.basics.errors import Issue
-from bayesdrill.basics.progress import SILENT
+from bayesdrill.basics.progress import SILENT, Silent
 from bayesdrill.campaigns import fits, records
 from bayesdrill.campaigns.fits import FittedRun, Reference
 from bayesdrill.campaigns.runs import CampaignPlan, read_plan
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.sampling.fit import FitPlan
 from bayesdrill.sampling.proposal.learning import NoSupportError
+from bayesdrill.tasks.remote import RefitExecutor
 
 pytest.importorskip("pyarrow")
 
@@ -83,6 +87,49 @@ def test_runs_that_cannot_be_sampled_are_named_if_too_few_remain(
     monkeypatch.setattr(fits, "find_reference", lambda *_: REFERENCE)
     result = cli("campaign", plan.source.path, "-o", tmp_path / "out", "--processes", "1")
     assert_refused(result, "0 runs are too few", "run_1: no support", "run_6: no support")
+
+
+def test_a_failed_run_is_sampled_again_with_another_seed_until_it_has_been_tried_three_times(
+    plan: CampaignPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mutant that it kills counts no attempts, so that a run is sampled for ever."""
+    failing, seeds, said = {"run_1", "run_2"}, list[int](), list[str]()
+    names = {fits.seed_of(plan, run, n): run.name for run in plan.runs for n in (1, 2, 3)}
+
+    def fit_run(_: Posterior, fit: FitPlan, __: Reference) -> FittedRun:
+        seeds.append(fit.chains.seed)
+        name = names[fit.chains.seed]
+        count = 0 if name == "run_1" else 3
+        reasons = ("no support",) if name in failing else ()
+        return FittedRun(
+            log_products=np.zeros((count, 2)), log_interim=np.zeros(count), reasons=reasons
+        )
+
+    class Saying(Silent):
+        def say(self, text: str) -> None:
+            said.append(text)
+
+    monkeypatch.setattr(fits, "fit_run", fit_run)
+    checked = records.check_runs(plan, SILENT)
+    job = records.base_job(plan, checked)
+    marks = fits.draws_marks(checked.digests, REFERENCE)
+
+    def sample() -> int:
+        before = len(seeds)
+        with ThreadPoolExecutor(1) as pool:
+            crew = RefitExecutor(pool)
+            fits.fit_runs(plan, job, REFERENCE, marks, tmp_path, crew, Saying())
+        return len(seeds) - before
+
+    assert sample() == 6
+    assert sample() == 2
+    assert said[0] == "run_1 is sampled again, attempt 2 of 3: no support"
+    failing.discard("run_2")
+    assert [sample(), sample()] == [2, 0]
+    assert len({*seeds}) == len(seeds) == 10
+    kept = {run.name: fitted for run, fitted in fits.kept_draws(plan, marks, tmp_path)}
+    assert (kept["run_1"].attempt, kept["run_1"].usable) == (3, False)
+    assert (kept["run_2"].attempt, kept["run_2"].reasons) == (3, ())
 
 
 def test_a_search_begins_at_the_reference_where_the_priors_allow_it(plan: CampaignPlan) -> None:

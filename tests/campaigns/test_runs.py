@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from support import campaigns
-from support.case_tables import run_cases
 from support.command_line import assert_refused, cli
 
 from bayesdrill.basics.errors import InputError
@@ -15,76 +14,10 @@ from bayesdrill.campaigns.runs import natural_key, read_plan
 
 DAY = 86400.0
 HEAD = "file,name,time,temperature"
-# What is replaced in the file of a campaign, and in its table; the words of the message.
-MISTAKES = [
-    ("runs/runs.csv", "runs/*.dat", "", "", ["no file matches runs/*.dat", "noted: a glob has no"]),
-    ("runs/runs.csv", "runs/run.csv", "", "", ["there is no such file", "runs.csv?"]),
-    (
-        "[temperature]",
-        "[temprature]",
-        "",
-        "",
-        ["has no column temprature; did you mean temperature"],
-    ),
-    (
-        "time_unit:",
-        "leave_out: [run_9]\ntime_unit:",
-        "",
-        "",
-        ["no run is called run_9; did you mean run_"],
-    ),
-    (
-        "time_unit:",
-        "overrides: {run_9: {}}\ntime_unit:",
-        "",
-        "",
-        ["overrides.run_9: no run is called"],
-    ),
-    (
-        "time_unit:",
-        "leave_ot: [run_1]\ntime_unit:",
-        "",
-        "",
-        ["leave_ot: unknown key; did you mean leave_out"],
-    ),
-    ("small.yaml", "larger.yaml", "", "", ["larger.yaml: there is no such file"]),
-    ("", "", "run_2.csv", "run_1.csv", ["row 3: ", "run_1.csv is a run already", "row 2)"]),
-    ("", "", ",run_2,", ",run_1,", ["row 3", "have the name run_1; give `name`"]),
-    ("", "", ",1.0,", ",0.0,", ["row 3: run_2 has the time of run_1; give each its own"]),
-    ("", "", ",1.0,", ",soon,", ["row 3: time: 'soon' is neither a number nor a date"]),
-    ("", "", ",1.0,", ",2026-03-01,", ["some times are numbers and others dates"]),
-    ("", "", ",1.0,", ",,", ["row 3: has no time, and other runs have"]),
-    ("", "", ",1.0,", ",1.0,warm,", ["row 3: has 5 cells, the header 4"]),
-    ("", "", "run_2.csv,", ",", ["row 3: names no file"]),
-    ("", "", "file,", "files,", ["has no column file; did you mean files?"]),
-    ("time_unit:", "by_name: true\ntime_unit:", "", "", ["runs have times; remove `by_name`"]),
-    (
-        "time_unit:",
-        "overrides: {run_2: {record: 3}}\ntime_unit:",
-        "",
-        "",
-        ["run run_2", "record: "],
-    ),
-    ("", "", "name,time", "file,time", ["has two columns file; rename one of them"]),
-    ("", "", "run_2.csv", "x" * 200_000, ["runs.csv: cannot be read as a table (field larger"]),
-    ("", "", "run_2.csv", "\n\nrun_2.csv,x,", ["row 5: has 6 cells, the header 4"]),
-    ("runs/runs.csv", '[{file: "a\\0.csv"}]', "", "", ["a NUL or half a character stands here"]),
-]
 
 
 def names(path: Path) -> list[str]:
     return [run.name for run in read_plan(path).runs]
-
-
-@run_cases("old, new, cell, other, words", MISTAKES)
-def test_mistakes_of_file_and_table_are_named(
-    old: str, new: str, cell: str, other: str, words: list[str], tmp_path: Path
-) -> None:
-    path = campaigns.campaign(tmp_path, *([(old, new)] if old else []))
-    table = tmp_path / "runs" / "runs.csv"
-    assert cell in table.read_text()
-    table.write_text(table.read_text().replace(cell, other, 1) if cell else table.read_text())
-    assert_refused(cli("check", path), *words)
 
 
 def test_all_mistakes_of_a_table_are_named_at_once(tmp_path: Path) -> None:
@@ -140,13 +73,6 @@ def test_a_glob_a_list_and_a_parquet_table_list_the_same_runs(tmp_path: Path) ->
     parquet.write_table(table, tmp_path / "runs" / "runs.parquet")
     path.write_text(plain.replace("runs.csv", "runs.parquet"))
     assert names(path) == wanted
-    whole = (tmp_path / "runs" / "runs.parquet").read_bytes()
-    (tmp_path / "runs" / "runs.parquet").write_bytes(whole[:-40])
-    with pytest.raises(InputError, match="damaged or cut short"):
-        read_plan(path)
-    parquet.write_table(pyarrow.table({"file": ["a\0.csv"]}), tmp_path / "runs" / "runs.parquet")
-    with pytest.raises(InputError, match=r"row 1: its file has a NUL in its name"):
-        read_plan(path)
 
 
 def test_numbers_in_names_are_counted() -> None:

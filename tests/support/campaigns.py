@@ -1,9 +1,15 @@
 """Small campaigns: runs of the small experiment, with records that are simulated once."""
 
 import functools
+import json
+import shutil
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import pytest
 from support import command_line
+from support.command_line import CommandResult, cli
 
 CAMPAIGN = """\
 name: many
@@ -16,6 +22,7 @@ simulation:
   spread: {j_1: 0.04, k_e: 0.02}
   noted: {temperature: {k_e: 0.01}}
 """
+QUICK = CAMPAIGN.replace("noted:", "effort: 100\nnoted:", 1).replace("runs: 6", "runs: 4")
 
 
 @functools.cache
@@ -43,3 +50,37 @@ def campaign(folder: Path, *changes: tuple[str, str], text: str = CAMPAIGN) -> P
     path = folder / "campaign.yaml"
     path.write_text(command_line.replaced(text, *changes))
     return path
+
+
+@dataclass(frozen=True)
+class Finished:
+    path: Path
+    folder: Path
+    result: CommandResult
+
+    def command(self, name: str, *options: str) -> CommandResult:
+        return cli(name, self.path, "-o", self.folder, "--processes", "1", *options)
+
+    def copied(self, folder: Path) -> "Finished":
+        shutil.copytree(self.path.parent, folder)
+        return Finished(folder / self.path.name, folder / self.folder.name, self.result)
+
+    @property
+    def draws(self) -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in (self.folder / "draws").iterdir()}
+
+    @property
+    def times(self) -> dict[str, int]:
+        return {path.name: path.stat().st_mtime_ns for path in (self.folder / "draws").iterdir()}
+
+    @property
+    def record(self) -> dict[str, Any]:
+        return dict(json.loads((self.folder / "campaign.json").read_text()))
+
+
+@functools.cache
+def finished(places: pytest.TempPathFactory) -> Finished:
+    """Return a finished campaign of four runs, which is not to be changed."""
+    path = campaign(places.mktemp("campaign"), text=QUICK)
+    folder = path.parent / "out"
+    return Finished(path, folder, cli("campaign", path, "-o", folder, "--processes", "1"))

@@ -3,65 +3,46 @@
 import csv
 import json
 import os
-import shutil
 import signal
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from support import campaigns, command_line
-from support.command_line import CommandResult, assert_refused, cli, replace_text
+from support.campaigns import QUICK, Finished
+from support.command_line import assert_refused, cli, replace_text
 
+from bayesdrill.campaigns import study
+from bayesdrill.campaigns.draws import CampaignDraws
+from bayesdrill.campaigns.fit import PopulationFit, fit_population
 from bayesdrill.output_files import CAMPAIGN
 
 parquet = pytest.importorskip("pyarrow.parquet")
 
-QUICK = campaigns.CAMPAIGN.replace("noted:", "effort: 100\nnoted:", 1).replace("runs: 6", "runs: 4")
 PAGES = {"report.html", "summary.md", "population.csv", "runs.parquet", "campaign.json"}
 FILES = {*PAGES, ".lock", "run.json", "reference.json", "campaign.yaml", "draws", "figures"}
 
 
-@dataclass(frozen=True)
-class Finished:
-    path: Path
-    folder: Path
-    result: CommandResult
-
-    def command(self, name: str, *options: str) -> CommandResult:
-        return cli(name, self.path, "-o", self.folder, "--processes", "1", *options)
-
-    @property
-    def draws(self) -> dict[str, bytes]:
-        return {path.name: path.read_bytes() for path in (self.folder / "draws").iterdir()}
-
-    @property
-    def times(self) -> dict[str, int]:
-        return {path.name: path.stat().st_mtime_ns for path in (self.folder / "draws").iterdir()}
-
-    @property
-    def record(self) -> dict[str, Any]:
-        return dict(json.loads((self.folder / "campaign.json").read_text()))
-
-
-@pytest.fixture(scope="module")
+@pytest.fixture
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
     """A finished campaign, not to be changed."""
-    place = tmp_path_factory.mktemp("campaign")
-    path = campaigns.campaign(place, text=QUICK)
-    folder = place / "out"
-    return Finished(path, folder, cli("campaign", path, "-o", folder, "--processes", "1"))
+    return campaigns.finished(tmp_path_factory)
+
+
+def finished_text(campaign: Finished) -> str:
+    """What the command said, with the folder of this copy."""
+    return campaign.result.out.replace(
+        campaign.result.out.split("results: ")[1].split(" (")[0], f"{campaign.folder}/"
+    )
 
 
 @pytest.fixture
 def copy(finished: Finished, tmp_path: Path) -> Finished:
     """The same, to be changed."""
-    shutil.copytree(finished.path.parent, tmp_path / "copy")
-    path = tmp_path / "copy" / "campaign.yaml"
-    return Finished(path, tmp_path / "copy" / "out", finished.result)
+    return finished.copied(tmp_path / "copy")
 
 
 def test_a_campaign_leaves_its_pages_tables_and_draws(finished: Finished) -> None:
@@ -117,6 +98,51 @@ def test_resuming_fits_only_missing_damaged_and_changed_runs(copy: Finished) -> 
     copy.command("campaign", "--resume")
     assert sum(copy.draws[name] != before[name] for name in before) == 1
     assert sum(copy.times[name] != times[name] for name in before) == 1
+
+
+def test_a_population_is_sampled_again_only_when_something_that_decides_it_changes(
+    copy: Finished, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sampled = list[int]()
+
+    def count(draws: CampaignDraws, *rest: Any) -> PopulationFit:
+        sampled.append(len(draws.runs))
+        return fit_population(draws, *rest)
+
+    monkeypatch.setattr(study, "fit_population", count)
+    same = PAGES - {"report.html", "runs.parquet"}  # the page names the folder
+    pages = {name: (copy.folder / name).read_bytes() for name in same}
+    assert "Traceback" not in copy.command("watch", "--once").text
+    assert copy.command("campaign", "--resume").out == finished_text(copy)
+    assert sampled == []
+    assert pages == {name: (copy.folder / name).read_bytes() for name in pages}
+    record = copy.folder / "campaign.json"
+    record.write_text(record.read_text().replace("k_e", "k_x", 1))
+    copy.command("campaign", "--resume")
+    assert record.read_bytes() == pages["campaign.json"]
+    replace_text(copy.path.parent / "runs" / "runs.csv", "run_2,1.0", "run_2,1.5")
+    copy.command("watch", "--once")
+    assert sampled == [4, 4]
+    assert copy.record["mark"] != json.loads(pages["campaign.json"])["mark"]
+
+
+def test_a_run_has_a_page_on_demand_to_which_its_points_link(copy: Finished) -> None:
+    """A page of other draws is none, so that its links go when a record changes."""
+    assert 'class="links"' in (copy.folder / "report.html").read_text()
+    assert "--page run_2 makes its page" in (copy.folder / "report.html").read_text()
+    assert "Traceback" not in copy.command("campaign", "--page", "run_2").text
+    (page,) = (copy.folder / "pages").glob("*.html")
+    text = page.read_text()
+    assert "In the campaign" in text
+    assert "data:image/png" in text
+    assert f'<a href="pages/{page.name}">' in (copy.folder / "report.html").read_text()
+    assert copy.record["reasons"] == {"run_2": ""}
+    assert_refused(copy.command("campaign", "--page", "run_9"), "--page: no run is called run_9")
+    record = copy.path.parent / "runs" / "run_2.csv"
+    record.write_text("\n".join(record.read_text().splitlines()[:-10]) + "\n")
+    copy.command("campaign", "--resume")
+    assert copy.record["reasons"] == {}
+    assert "<a href" not in (copy.folder / "report.html").read_text().split("<main>")[1]
 
 
 def test_watch_takes_up_new_runs_and_raises_each_alarm_once(copy: Finished) -> None:

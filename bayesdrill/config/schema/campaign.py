@@ -10,13 +10,15 @@ from bayesdrill.basics.entries import Count, NonNegative, Number, Positive, Stri
 
 TimeUnit = Literal["s", "min", "h", "d"]
 SECONDS: dict[TimeUnit, float] = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+Text = Annotated[str, Field(min_length=1)]
+Change = Annotated[Number, Field(gt=-1)]  # relative: 0.05 is 5 %
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
 
 
 class RunSpec(Strict):
     """A run has a record, and what is known beside it."""
 
-    file: str = Field(description="Relative to the folder of the campaign's file.")
+    file: Text = Field(description="Relative to the folder of the campaign's file.")
     name: str | None = Field(None, description="Default: the name of the file without its ending.")
     rig: str = Field("", description="The rig with which the run was made.")
     time: Number | str | None = Field(
@@ -30,7 +32,7 @@ class JumpSpec(Strict):
     """A jump of simulated runs changes parameters after so many runs."""
 
     after: Count
-    change: dict[str, Number]
+    change: dict[str, Change]
     """Relative changes by parameter: 0.05 is 5 %."""
 
 
@@ -38,7 +40,7 @@ class ForeignSpec(Strict):
     """Foreign runs of a simulated campaign are made with other parameters."""
 
     count: Count
-    change: dict[str, Number]
+    change: dict[str, Change]
     """Relative changes by parameter."""
 
 
@@ -53,7 +55,7 @@ class CampaignSimulation(Strict):
     """Relative standard deviations over runs, by parameter."""
     rig_spread: dict[str, NonNegative] = Field(default_factory=dict)
     """Relative standard deviations over rigs, by parameter."""
-    drift: dict[str, Number] = Field(default_factory=dict)
+    drift: dict[str, Change] = Field(default_factory=dict)
     """Relative changes from the first run to the last, by parameter."""
     jump: JumpSpec | None = None
     noted: dict[str, dict[str, Number]] = Field(default_factory=dict)
@@ -70,9 +72,9 @@ class CampaignSpec(Strict):
 
     name: Annotated[str, Field(pattern=NAME, max_length=100)]
     seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
-    base: str = Field(description="The config of all runs, relative to the folder of this file.")
+    base: Text = Field(description="The config of all runs, relative to the folder of this file.")
     runs: Annotated[
-        Annotated[str, Tag("<place>")]
+        Annotated[Text, Tag("<place>")]
         | Annotated[list[RunSpec], Field(min_length=1), Tag("<list>")],
         Discriminator(_place_or_list),
     ]

@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 
+from bayesdrill.config.schema.campaign import CampaignSpec
 from bayesdrill.config.schema.config import Config, Nominal
 from bayesdrill.config.schema.numbers import NamedSection
 from bayesdrill.config.schema.records import Initial
@@ -59,6 +60,13 @@ def json_schema() -> str:
     schema["else"] = known
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "bayesdrill experiment config"
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def campaign_schema() -> str:
+    """Return the JSON schema of the file of a campaign as text."""
+    schema = {**adapter(CampaignSpec).json_schema(), "title": "bayesdrill campaign"}
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 
 

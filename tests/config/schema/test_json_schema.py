@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from support.command_line import ROOT
 
-from bayesdrill.config.schema.json_schema import json_schema
+from bayesdrill.config.schema.json_schema import campaign_schema, json_schema
 
 
 @pytest.fixture(scope="module")
@@ -18,6 +18,13 @@ def schema() -> dict[str, Any]:
 def test_the_committed_schema_is_that_of_the_code() -> None:
     """`make schema` writes it anew."""
     assert (ROOT / "configs" / "schema.json").read_text() == json_schema()
+
+
+def test_the_file_of_a_campaign_has_a_schema_of_its_own() -> None:
+    schema = json.loads(campaign_schema())
+    assert {"base", "runs", "name"} == {*schema["required"]}
+    assert "effective draws" in schema["properties"]["effort"]["description"].lower()
+    assert schema["additionalProperties"] is False
 
 
 def test_symbols_have_their_unit_and_meaning(schema: dict[str, Any]) -> None:

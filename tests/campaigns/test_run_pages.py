@@ -1,0 +1,26 @@
+"""What the page of a run says about why it does not belong."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from bayesdrill.campaigns.run_pages import likely_reason
+
+EXPLAINED = SimpleNamespace(best=SimpleNamespace(about="a gear of 7:1"))
+
+
+@pytest.mark.parametrize(
+    ("outlier", "causes", "words"),
+    [
+        (False, None, ""),
+        (True, None, "its record fits by itself, so the rig or its state was another"),
+        (True, EXPLAINED, "its record is explained by a gear of 7:1"),
+        (False, SimpleNamespace(best=None), "nothing that was tried explains its record"),
+    ],
+)
+def test_the_likely_reason_is_a_cause_of_its_misfit_or_another_rig(
+    outlier: bool, causes: Any, words: str
+) -> None:
+    outcome = cast(Any, SimpleNamespace(outlier=outlier))
+    assert likely_reason(outcome, causes) == words
