@@ -19,7 +19,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, dual, linear_map
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
+from bayesdrill.rig.kernels.compiling import BoundFunction, compile_kernel
 from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.linear import write_linear
@@ -27,7 +27,6 @@ from bayesdrill.rig.kernels.linear_arguments import INNOVATIONS, NORMAL, SIGNALS
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import (
-    NO_ADDRESS,
     aligned,
     first_observed,
     in_groups,
@@ -54,18 +53,12 @@ class Response(Unstepped):
 
     exact: ClassVar[bool] = True
 
-    @property
-    def record(self) -> Mapping[str, int] | None:
-        """See `Simulator.record`."""
-        return self._record[1]
-
     @cached_property
-    def _record(self) -> tuple[dict[str, Array], dict[str, int] | None]:
-        """Return record and inputs; and their addresses if sensors are perfect and times even."""
-        experiment, blocks = self.experiment, record_blocks(self.experiment)
+    def record(self) -> Mapping[str, Array] | None:
+        """See `Simulator.record`; it is None unless sensors are perfect and times even."""
+        experiment = self.experiment
         plain = self.sensing.empty and experiment.uniform and bool(experiment.seen.all())
-        addresses = {name: block.ctypes.data for name, block in blocks.items()}
-        return blocks, addresses if plain else None
+        return record_blocks(experiment) if plain else None
 
     def signals(self, full: Array) -> Array:
         """Return the channels `(W, T, K)` in SI, for parameters `(W, P)`."""
@@ -145,19 +138,30 @@ class Response(Unstepped):
         return replace(self._structure, output=output, tally=tally, slopes=slopes, sensed=sensed)
 
     @cached_property
-    def _known(self) -> dict[tuple[Any, ...], Any]:
-        """Return the cache of kernels, and of blocks with their addresses."""
+    def _functions(self) -> dict[tuple[Any, ...], tuple[BoundFunction, int]]:
+        """Return the cache of `_bind`."""
         return {}
 
-    def _kernel(
-        self, output: str, tally: ResidualSums | None, *, slopes: bool
-    ) -> tuple[Kernel, LinearShape]:
-        wanted = (output, tally, slopes)
-        if wanted not in self._known:
-            shape = self._shape(output, tally, slopes=slopes)
-            self._known[wanted] = compile_kernel(write_linear, shape), shape
-        kernel, shape = self._known[wanted]
-        return kernel, shape
+    def _bind(
+        self, output: str, tally: ResidualSums | None, q: int, ahead: int
+    ) -> tuple[BoundFunction, int]:
+        """Return the kernel with what does not depend on walkers, and the vectors of scratch.
+
+        There are q directions, and `ahead` further knots after the last one.
+        """
+        wanted = (output, tally, q, ahead)
+        if wanted not in self._functions:
+            shape = self._shape(output, tally, slopes=q > 0)
+            samples = len(self._padded)
+            counts = {
+                "samples": samples, "knots": samples + ahead, "directions": q, "high": self._high,
+                "nodes": len(self._grid.spans), "stored": int(output == SIGNALS),
+            }  # fmt: skip
+            places = np.cumsum([0, *shape.scratch(counts)])
+            kernel, blocks = compile_kernel(write_linear, shape), self._knots(ahead)
+            bound = kernel.bind("linear", places=places, **counts, **blocks)
+            self._functions[wanted] = bound, int(places[-1]) + 1
+        return self._functions[wanted]
 
     @cached_property
     def _shared(self) -> dict[str, Array]:
@@ -167,30 +171,22 @@ class Response(Unstepped):
         record = {"y": self._padded, "begin": first_observed(self._padded)}
         return {"numbers": numbers, "spans": g.spans, "chained": g.chained, **record}
 
-    def _knots(self, ahead: int) -> dict[str, int]:
-        """Return the addresses of blocks, with `ahead` further knots after the last one.
-
-        To ask an array for its address takes as long as some samples of a group.
-        """
-        if (ahead,) not in self._known:
-            g, first_order = self._grid, self.experiment.first_order
-            u, slopes = inputs_at_knots(g, self.sensors.knots[1], first_order=first_order)
-            more = ahead + len(self._padded) - len(u)
-            u = np.vstack([u, u[-1:].repeat(more, axis=0)])
-            if first_order:
-                u = np.hstack([u, np.vstack([slopes, np.zeros((more, slopes.shape[1]))])])
-            later = g.t[-2] + self._median_step * np.arange(1, more + 1)
-            node = np.append(g.node[:-1], np.full(more + 1, self._median_node))
-            blocks = self._shared | {
-                "node": node.astype(np.int64),
-                "share": np.append(g.share, np.full(more, -1.0)),
-                "t": np.concatenate([g.t[:-1], later, [np.inf]]),
-                "u": np.ascontiguousarray(u),
-            }
-            # Keep the blocks, so that their addresses stay valid.
-            self._known[ahead,] = {name: x.ctypes.data for name, x in blocks.items()}, blocks
-        addresses: dict[str, int] = self._known[ahead,][0]
-        return addresses
+    def _knots(self, ahead: int) -> dict[str, Array]:
+        """Return all blocks that do not depend on walkers, with `ahead` knots after the last one."""
+        g, first_order = self._grid, self.experiment.first_order
+        u, slopes = inputs_at_knots(g, self.sensors.knots[1], first_order=first_order)
+        more = ahead + len(self._padded) - len(u)
+        u = np.vstack([u, u[-1:].repeat(more, axis=0)])
+        if first_order:
+            u = np.hstack([u, np.vstack([slopes, np.zeros((more, slopes.shape[1]))])])
+        later = g.t[-2] + self._median_step * np.arange(1, more + 1)
+        node = np.append(g.node[:-1], np.full(more + 1, self._median_node))
+        return self._shared | {
+            "node": node.astype(np.int64),
+            "share": np.append(g.share, np.full(more, -1.0)),
+            "t": np.concatenate([g.t[:-1], later, [np.inf]]),
+            "u": np.ascontiguousarray(u),
+        }
 
     @cached_property
     def _median_node(self) -> int:
@@ -253,8 +249,7 @@ class Response(Unstepped):
         weights: Array | None = None,
     ) -> Array:
         """Run the kernel of an output, and return its result `(W, *out)`."""
-        kernel, shape = self._kernel(output, tally, slopes=along is not None)
-        blocks, q = dict[str, Array | int](along=NO_ADDRESS), 0
+        blocks, q = dict[str, Array](), 0
         walkers: Array | Dual = full
         if along is not None:
             n, q, p = along.shape
@@ -266,20 +261,9 @@ class Response(Unstepped):
             blocks["along"] = in_groups(numbers.slope.reshape(len(full), -1))
             numbers = numbers.value[::times]  # the values are the same in all directions
         if weights is None and along is not None:  # signals need no weights
-            weights = np.zeros((1, shape.channels))
+            weights = np.zeros((1, self._padded.shape[1]))
         others += [] if weights is None else [weights]
-        samples = len(self._padded)
-        counts = {
-            "samples": samples, "knots": samples + ahead, "directions": q,
-            "nodes": len(self._grid.spans), "high": self._high, "stored": int(output == SIGNALS),
-        }  # fmt: skip
-        wanted = (output, tally, along is not None, *counts.values())
-        if wanted not in self._known:
-            places = np.cumsum([0, *shape.scratch(counts)])
-            self._known[wanted] = places, places.ctypes.data
-        places, address = self._known[wanted]
-        scratch = np.empty((places[-1] + 1, LANES))
-        return kernel.run(
-            "linear", len(full), out, own=in_groups(numbers, *others), **counts, **blocks,
-            places=address, scratch=aligned(scratch), **self._knots(ahead),
-        )  # fmt: skip
+        bound, size = self._bind(output, tally, q, ahead)
+        scratch = np.empty((size, LANES))
+        own = in_groups(numbers, *others)
+        return bound.run(len(full), out, own=own, scratch=aligned(scratch), **blocks)

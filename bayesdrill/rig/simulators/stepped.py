@@ -19,7 +19,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, linear_map
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
+from bayesdrill.rig.kernels.compiling import BoundFunction, Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.step_arguments import SteppedShape
@@ -27,8 +27,6 @@ from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import (
-    NO_ADDRESS,
-    NO_BLOCK,
     REVERSAL_SUBSTEPS,
     Motion,
     Simulator,
@@ -56,17 +54,14 @@ class BoundKernel:
     turns: int
 
     @cached_property
-    def _fixed_addresses(self) -> dict[str, int]:
-        """Return the addresses of blocks; asking an array costs as much as twenty steps of a group."""
-        blocks = {
-            "numbers": self.numbers,
-            "pieces": self.ahead.counts,
-            "usual": self.ahead.usual,
-            "t": self.ahead.places,
-            "y": NO_BLOCK if self.shape.efforts else self.y,
-            "begin": first_observed(self.y),
-        }
-        return {name: block.ctypes.data for name, block in blocks.items()}
+    def _function(self) -> BoundFunction:
+        """Return the kernel with all that does not depend on walkers."""
+        ahead = self.ahead
+        return self.kernel.bind(
+            "stepping", numbers=self.numbers, pieces=ahead.counts, usual=ahead.usual,
+            t=ahead.places, y=self.y, begin=first_observed(self.y), samples=ahead.samples,
+            turns=self.turns,
+        )  # fmt: skip
 
     def run(self, n: int, parts: Mapping[str, list[Array]], *, stored: bool) -> Array:
         """Run n walkers; return sums `(W, K, n)`, or signals `(W, T, K, registers of a number)`.
@@ -81,13 +76,12 @@ class BoundKernel:
         signals = (ahead.samples, k, numbers)
         out = signals if stored or shape.tally is None else (k, shape.tally.count)
         size = (nodes + 1) * k * 3 * numbers * LANES
-        trace = np.empty(size) if shape.read else NO_ADDRESS
+        trace = np.empty(size) if shape.read else 0
         margin = ahead.margin(parts["lag"][0]) if shape.late else 0
-        return self.kernel.run(
-            "stepping", n, out, samples=ahead.samples, nodes=nodes, turns=self.turns,
-            stored=int(stored), own=walkers, trace=trace, u=ahead.inputs(margin, after)[1],
-            **self._fixed_addresses,
-        )  # fmt: skip
+        u = ahead.inputs(margin, after)
+        return self._function.run(
+            n, out, nodes=nodes, stored=int(stored), own=walkers, trace=trace, u=u
+        )
 
     def _in_lanes(self, parts: Mapping[str, list[Array]]) -> Array:
         """Return the parts `(G, width, LANES)`, see `walker_blocks`, of walkers in groups."""
