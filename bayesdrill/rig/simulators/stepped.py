@@ -206,13 +206,10 @@ class Stepped(Simulator):
         if efforts:
             parts["rows"] = [_unit_rows(self.model)]
         read = not efforts and (self.sensing.shifts or not ahead.aligned)
-        single = ahead.single and not read
         dual = along is not None
         stored = tally is None and not dual and not efforts
         wanted = SQUARES if stored else tally
-        bound = self._bind(
-            ahead, tally=wanted, efforts=efforts, dual=dual, read=read, single=single
-        )
+        bound = self._bind(ahead, tally=wanted, efforts=efforts, dual=dual, read=read)
         result = bound.run(len(full), parts, stored=stored)
         return result[..., 0] if tally is None and not dual else result
 

@@ -210,14 +210,9 @@ class UniformGrid:
         self._substeps = pieces
 
     @cached_property
-    def single(self) -> bool:
-        """Return whether each step has exactly one sample."""
-        return self.aligned and bool((self.counts == 1).all())
-
-    @cached_property
     def usual(self) -> Whole:
-        """Return 1 for each sample whose next one is a median step away, else 0: `(T,)`."""
-        return np.asarray(self.counts == self._substeps).astype(np.int64)
+        """Return 1 for each sample whose next one is several steps, a median one, away: `(T,)`."""
+        return np.asarray((self.counts == self._substeps) & (self.counts > 1)).astype(np.int64)
 
     def between(self, t: Array) -> tuple[Whole, Array]:
         """Return the node before each time, and how far it is from there in steps."""
