@@ -51,7 +51,7 @@ class Kernel:
         """Return a function with the arguments that are the same in all calls; others are zero."""
         places = {argument: place for place, argument in enumerate(self.arguments[name])}
         values = [address(given.get(argument, 0)) for argument in places]
-        return BoundFunction(self.functions[name], values, places, given)
+        return BoundFunction(self, self.functions[name], values, places, given)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +62,7 @@ class BoundFunction:
     simulating some samples, so it is done once for blocks that are the same in all calls.
     """
 
+    kernel: Kernel  # kept, as is its machine code
     function: Callable[..., None]
     values: list[int]
     places: Mapping[str, int]

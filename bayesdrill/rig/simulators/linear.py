@@ -23,7 +23,7 @@ from bayesdrill.rig.kernels.compiling import BoundFunction, compile_kernel
 from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.linear import write_linear
-from bayesdrill.rig.kernels.linear_arguments import INNOVATIONS, NORMAL, SIGNALS, SUMS, LinearShape
+from bayesdrill.rig.kernels.linear_arguments import SCALES, LinearShape
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import (
@@ -65,26 +65,28 @@ class Response(Unstepped):
         if self._padded.size > MAX_GROUPED and self.record is not None:
             record = LongRecord(self.sensors, self.experiment.dt, len(self._grid.t) - 1)
             return np.array([record.signals(point) for point in full])
-        return self._run(SIGNALS, full, (1, *self._padded.shape))[:, 0, self._samples]
+        shape = (1, *self._padded.shape)
+        return self._run(full, shape, tally=SQUARES, stored=True)[:, 0, self._samples]
 
     def course(self, full: Array, along: Array) -> tuple[Array, Array]:
         """Return signals `(W, T, K)` and their slopes `(W, q, T, K)` in the directions `along`."""
         shape = (1 + along.shape[1], *self._padded.shape)
-        planes = self._run(SIGNALS, full, shape, along=along)[:, :, self._samples]
+        planes = self._run(full, shape, along=along, stored=True)[:, :, self._samples]
         return planes[:, 0], planes[:, 1:]
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
         shape = (self._padded.shape[1], tally.count)
-        return self._run(SUMS, full, shape, tally=tally, weights=weights)
+        return self._run(full, shape, tally=tally, weights=weights)
 
     def normal(self, full: Array, along: Array, weights: Array) -> tuple[Array, Array, Array]:
         """See `Simulator.normal`; q is at least 1."""
         q, k = along.shape[1], self._padded.shape[1]
         scales = whitening_scales(weights)
-        name = NORMAL if scales.shape[2] == 1 else INNOVATIONS
+        if scales.shape[2] == 1:  # white noise has no memory, and all samples are alike
+            scales = scales * np.array([1.0, 0.0, 1.0])
         flat = scales.swapaxes(1, 2).reshape(len(scales), -1)
-        rows = self._run(name, full, (k + (1 + q) ** 2,), along=along, weights=flat)
+        rows = self._run(full, (k + (1 + q) ** 2,), along=along, weights=flat)
         products = rows[:, k:].reshape(-1, 1 + q, 1 + q)
         lower = np.tril(products[:, 1:, 1:])
         return rows[:, :k], -products[:, 1:, 0], lower + np.tril(lower, -1).swapaxes(1, 2)
@@ -125,17 +127,9 @@ class Response(Unstepped):
             rows=tuple(map(tuple, (self.sensors.weights != 0.0).tolist())),
             late=self._late,
             uneven=not self._grid.uniform,
-            output=SUMS,
             tally=SQUARES,
-            slopes=False,
             sensed=False,
         )
-
-    def _shape(self, output: str, tally: ResidualSums | None, *, slopes: bool) -> LinearShape:
-        if output == SIGNALS:  # these kernels store signals too
-            output, tally = (NORMAL, None) if slopes else (SUMS, SQUARES)
-        sensed = slopes and not self.sensing.empty
-        return replace(self._structure, output=output, tally=tally, slopes=slopes, sensed=sensed)
 
     @cached_property
     def _functions(self) -> dict[tuple[Any, ...], tuple[BoundFunction, int]]:
@@ -143,19 +137,20 @@ class Response(Unstepped):
         return {}
 
     def _bind(
-        self, output: str, tally: ResidualSums | None, q: int, ahead: int
+        self, tally: ResidualSums | None, q: int, ahead: int, *, stored: bool
     ) -> tuple[BoundFunction, int]:
         """Return the kernel with what does not depend on walkers, and the vectors of scratch.
 
         There are q directions, and `ahead` further knots after the last one.
         """
-        wanted = (output, tally, q, ahead)
+        wanted = (tally, q, ahead, stored)
         if wanted not in self._functions:
-            shape = self._shape(output, tally, slopes=q > 0)
+            sensed = tally is None and not self.sensing.empty
+            shape = replace(self._structure, tally=tally, sensed=sensed)
             samples = len(self._padded)
             counts = {
                 "samples": samples, "knots": samples + ahead, "directions": q, "high": self._high,
-                "nodes": len(self._grid.spans), "stored": int(output == SIGNALS),
+                "nodes": len(self._grid.spans), "stored": int(stored),
             }  # fmt: skip
             places = np.cumsum([0, *shape.scratch(counts)])
             kernel, blocks = compile_kernel(write_linear, shape), self._knots(ahead)
@@ -240,15 +235,15 @@ class Response(Unstepped):
 
     def _run(
         self,
-        output: str,
         full: Array,
         out: tuple[int, ...],
         *,
         along: Array | None = None,
         tally: ResidualSums | None = None,
         weights: Array | None = None,
+        stored: bool = False,
     ) -> Array:
-        """Run the kernel of an output, and return its result `(W, *out)`."""
+        """Return sums of a tally or, along directions, normal equations; or signals: `(W, *out)`."""
         blocks, q = dict[str, Array](), 0
         walkers: Array | Dual = full
         if along is not None:
@@ -261,9 +256,9 @@ class Response(Unstepped):
             blocks["along"] = in_groups(numbers.slope.reshape(len(full), -1))
             numbers = numbers.value[::times]  # the values are the same in all directions
         if weights is None and along is not None:  # signals need no weights
-            weights = np.zeros((1, self._padded.shape[1]))
+            weights = np.zeros((1, SCALES * self._padded.shape[1]))
         others += [] if weights is None else [weights]
-        bound, size = self._bind(output, tally, q, ahead)
+        bound, size = self._bind(tally, q, ahead, stored=stored)
         scratch = np.empty((size, LANES))
         own = in_groups(numbers, *others)
         return bound.run(len(full), out, own=own, scratch=aligned(scratch), **blocks)
