@@ -39,7 +39,6 @@ from bayesdrill.rig.simulators import exact_reason
 from bayesdrill.rig.simulators.contract import Simulator, in_groups
 from bayesdrill.rig.simulators.long_record import LongRecord
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
-from bayesdrill.rig.simulators.stepped import Unstepped
 
 TOLERANCE = 1e-7  # admissible error of the log likelihood
 MAX_BEYOND = 0.02  # share of points whose bound may be too large; they use the exact simulator
@@ -104,7 +103,7 @@ class Compression:
 
 
 @dataclass(frozen=True, eq=False)
-class CompressedSimulator(Unstepped):
+class CompressedSimulator(Simulator):
     """The simulator uses the record's triangle, or the `whole` simulator if that is not enough."""
 
     model: Model

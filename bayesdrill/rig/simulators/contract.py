@@ -110,9 +110,9 @@ class Simulator(ABC):
         """Return a simulator with other step sizes, if it has any."""
         return self
 
-    @abstractmethod
     def motion(self, full: Array) -> Motion:
-        """Return the motion of the rig itself, before any sensor."""
+        """Return the motion of a rig with friction, before any sensor."""
+        raise NotImplementedError(f"{self.model.name} has no friction")
 
     @abstractmethod
     def signals(self, full: Array) -> Array:

@@ -27,6 +27,7 @@ from bayesdrill.rig.kernels.linear_arguments import SCALES, LinearShape
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import (
+    Simulator,
     aligned,
     first_observed,
     in_groups,
@@ -34,7 +35,6 @@ from bayesdrill.rig.simulators.contract import (
 )
 from bayesdrill.rig.simulators.long_record import LongRecord, input_layout, record_blocks
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers, beside
-from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, inputs_at_knots
 
 # Largest record [numbers] for which a kernel takes memory for eight walkers at once.
@@ -44,7 +44,7 @@ MAX_AHEAD = 4  # largest advance of a channel, in lengths of the record
 
 
 @dataclass(frozen=True, eq=False)
-class Response(Unstepped):
+class Response(Simulator):
     """The response is that of `model` in `experiment`, observed by sensors with `sensing`."""
 
     model: Model
