@@ -129,10 +129,10 @@ def _estimate(
 ) -> TorqueEstimate:
     torque = observation.torque
     assert torque is not None
-    experiment, k = observation.experiment, len(observation.experiment.channels)
-    shown = with_states(experiment, observation.response.model.states)
-    moved = observation.response.of(shown).signals(observation.simulator_parameters(full))
-    signals, motion = moved[..., :k], moved[..., k:]  # without the torque
+    experiment, response = observation.experiment, observation.response
+    shown = with_states(experiment, response.model.states, alone=True)
+    signals = observation.signals(full)  # without the torque, as is the motion
+    motion = response.of(shown).signals(observation.simulator_parameters(full))
     residuals = experiment.y - signals
     smooth = torque.smooth(residuals, draws)
     drawn, _ = torque.sample_states(residuals, draws, rng)

@@ -24,7 +24,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.design.source import RigLimit, SourceLimits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood, Posterior
-from bayesdrill.record.experiment import Experiment, frozen, with_states
+from bayesdrill.record.experiment import Experiment, channels_first, frozen, with_states
 from bayesdrill.rig.simulators.contract import Simulator
 
 MAX_BYTES = 6e8  # of the slopes of all pulses that are kept before they are reduced
@@ -71,9 +71,21 @@ class ComingExperiment:
             parts.append(dataclasses.replace(self.observation, response=response))
         return Posterior(space, Likelihood(tuple(parts), space), space.coordinates)
 
+    @property
+    def _states_alone(self) -> bool:
+        return self.observation.response.sensing.empty
+
     @cached_property
     def _shown(self) -> Experiment:
-        return with_states(self.observation.experiment, self.observation.response.model.states)
+        states = self.observation.response.model.states
+        return with_states(self.observation.experiment, states, alone=self._states_alone)
+
+    def _with_channels(self, shown: Array) -> Array:
+        """Return channels and states of what a simulator of `_shown` gives."""
+        if not self._states_alone:
+            return shown
+        states = self.observation.response.model.states
+        return channels_first(self.observation.experiment, states, shown)
 
     def _driven(self, experiment: Experiment, levels: Array) -> Experiment:
         added = self.source.series(levels) - experiment.constant.get(self.source.input, 0.0)
@@ -97,7 +109,7 @@ class ComingExperiment:
         """Return channels `(W, T, K)` and limited sums `(W, T, L)` at `theta (W, D)`."""
         assert self.observation.space is not None
         full = self.observation.simulator_parameters(self.observation.space.full(theta))
-        both = self._simulator(levels).signals(full)
+        both = self._with_channels(self._simulator(levels).signals(full))
         return both[:, :, : len(self.observation.experiment.channels)], both @ self._limited
 
     def course(self, theta: Array, levels: Array) -> tuple[Array, Array]:
@@ -106,7 +118,7 @@ class ComingExperiment:
         assert space is not None
         chosen = self.observation.simulator_parameters
         at = chosen(space.full(theta)), chosen(space.slopes(theta))
-        signals, slopes = self._simulator(levels).course(*at)
+        signals, slopes = map(self._with_channels, self._simulator(levels).course(*at))
         channels = len(self.observation.experiment.channels)
         return slopes[..., :channels], signals @ self._limited
 

@@ -181,6 +181,14 @@ def with_states(
     )
 
 
+def channels_first(experiment: Experiment, states: Sequence[str], shown: Array) -> Array:
+    """Return what perfect sensors show of states, then the states `shown (..., X)`.
+
+    One kernel of states alone serves any channels in this way.
+    """
+    return np.concatenate([shown @ experiment.weights(tuple(states)).T, shown], axis=-1)
+
+
 def frozen(values: Array) -> Array:
     """Return a contiguous read-only copy."""
     copy = np.array(values, dtype=np.float64, order="C")

@@ -25,8 +25,8 @@ from bayesdrill.analysis.calibration import CalibrationStudy, refit
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.progress import Reporter, Silent
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
-from bayesdrill.rig.kernels.linear_arguments import SUMS
-from bayesdrill.rig.kernels.sums import SQUARES
+from bayesdrill.rig.kernels.compiling import compile_kernel
+from bayesdrill.rig.kernels.linear import write_linear
 from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.tasks import calibrate, remote
 
@@ -121,7 +121,7 @@ def test_another_record_shares_the_compiled_code(study: CalibrationStudy) -> Non
     y = np.random.default_rng(1).standard_normal(response.experiment.y.shape)
     theta = study.posterior.space.full(study.posterior.space.draw(9, np.random.default_rng(2)))
     other = response.with_record(y)
-    kernels = [each._kernel(SUMS, SQUARES, slopes=False)[0] for each in (other, response)]
+    kernels = [compile_kernel(write_linear, each._structure) for each in (other, response)]
     assert kernels[0] is kernels[1]
     compiled = Response(response.model, dataclasses.replace(response.experiment, y=y))
     assert np.array_equal(other.squares(theta), compiled.squares(theta))

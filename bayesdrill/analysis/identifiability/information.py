@@ -25,7 +25,8 @@ from bayesdrill.inference.laplace import natural_sd
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES
-from bayesdrill.record.experiment import with_states
+from bayesdrill.record.experiment import channels_first, with_states
+from bayesdrill.rig.simulators.contract import Simulator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,7 +155,8 @@ class _ExtendedExperiment:
         n, self.constant = len(experiment.t), experiment.constant
         self.base = {name: experiment.series.get(name, np.zeros(n)) for name in model.inputs}
         self._late = (np.arange(n) >= n // 2).astype(float)
-        shown = with_states(experiment, model.states)
+        self._states_alone = observation.response.sensing.empty
+        shown = with_states(experiment, model.states, alone=self._states_alone)
         self._response = observation.response.of(dataclasses.replace(shown, series=self.base))
         # The last point with the inputs of the record, and its signals and slopes.
         self._recorded: tuple[bytes, tuple[Array, Array]] | None = None
@@ -183,14 +185,20 @@ class _ExtendedExperiment:
                 more = (scene.times.get(name, 1.0) - 1.0) * (u + self.constant.get(name, 0.0))
                 pushed[name] = np.asarray(u + more + scene.late.get(name, 0.0) * self._late)
             scene_record = dataclasses.replace(self._response.experiment, series=pushed)
-            signals, slopes = self._response.of(scene_record).course(*at)
-            return signals[0], slopes[0]
+            return self._course(self._response.of(scene_record), *at)
         point = b"".join(argument.tobytes() for argument in at)
         if self._recorded is None or self._recorded[0] != point:
-            signals, slopes = (array[0] for array in self._response.course(*at))
+            signals, slopes = self._course(self._response, *at)
             signals.flags.writeable = slopes.flags.writeable = False
             self._recorded = point, (signals, slopes)
         return self._recorded[1]
+
+    def _course(self, response: Simulator, full: Array, along: Array) -> tuple[Array, Array]:
+        both = (array[0] for array in response.course(full, along))
+        if self._states_alone:
+            both = (channels_first(self._one.experiment, self._states, each) for each in both)
+        signals, slopes = both
+        return signals, slopes
 
 
 RANK_TOLERANCE = 1e-11  # singular value over the largest, below which it is zero

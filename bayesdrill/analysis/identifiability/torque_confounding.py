@@ -85,7 +85,7 @@ def find_confounded(
     shown = {name for c in first.experiment.channels for name in c.weights if len(c.weights) == 1}
     unseen = [name for name in first.response.model.states if name not in shown]
     measured = {
-        state: _information(_measuring(posterior, theta, state), theta, before, seeds)
+        state: _information(_measuring(posterior, theta, unseen, state), theta, before, seeds)
         for state in unseen
     }
 
@@ -155,23 +155,36 @@ def _information(posterior: Posterior, theta: Array, before: Array, seeds: Count
     return np.asarray(total)
 
 
-def _measuring(posterior: Posterior, theta: Array, state: str) -> Posterior:
-    """Return the posterior with a further channel that measures `state`."""
+def _measuring(
+    posterior: Posterior, theta: Array, states: Sequence[str], measured: str
+) -> Posterior:
+    """Return the posterior with further channels of all `states`, of which one is measured.
+
+    Channels without a sample change nothing, and the kernels are the same whatever is measured.
+    """
     full, rig = posterior.space.full(theta[None]), posterior.likelihood.observations[0].response
-    name, unit = f"state {state}", rig.model.symbols[state].unit
-    channel = Channel(name=name, weights={state: 1.0}, unit=unit, latex="", latex_unit="")
+    symbols, n_states = rig.model.symbols, len(states)
+    further = tuple(
+        Channel(
+            name=f"state {state}", weights={state: 1.0}, unit=symbols[state].unit,
+            latex="", latex_unit="",
+        )
+        for state in states
+    )  # fmt: skip
 
     def convert(observation: Observation) -> Observation:
         if observation.torque is None:
             return observation
         before, n = observation.experiment, len(observation.experiment.t)
-        y, channels = np.column_stack([before.y, np.zeros(n)]), before.channels
-        shown = dataclasses.replace(before, channels=(*channels, channel), y=frozen(y))
+        seen = np.where(np.array(states) == measured, 0.0, np.nan)
+        y, k = np.column_stack([before.y, np.tile(seen, (n, 1))]), len(before.channels)
+        shown = dataclasses.replace(before, channels=(*before.channels, *further), y=frozen(y))
         response = observation.response.of(shown)
-        spread = float(response.signals(observation.simulator_parameters(full))[0, :, -1].std())
-        extra = White(n_samples=n, known={0: SENSOR_NOISE * spread or 1.0}, n_channels=1)
-        k, noise = len(channels), observation.noise
-        both = Mixed((ChannelNoise(noise, tuple(range(k))), ChannelNoise(extra, (k,))))
+        spreads = response.signals(observation.simulator_parameters(full))[0, :, k:].std(axis=0)
+        known = {j: SENSOR_NOISE * float(spread) or 1.0 for j, spread in enumerate(spreads)}
+        extra, noise = White(n_samples=n, known=known, n_channels=n_states), observation.noise
+        new = tuple(range(k, k + n_states))
+        both = Mixed((ChannelNoise(noise, tuple(range(k))), ChannelNoise(extra, new)))
         wider = dataclasses.replace(observation, noise=both)
         return wider.with_simulator(response, observation.parameters)
 

@@ -149,15 +149,20 @@ def _delayed(samples: Array) -> Array:
     return np.concatenate([np.zeros_like(samples[:, :1]), samples[:, :-1]], axis=1)
 
 
-def _sum_weights(rho: Any) -> Any:
-    """Return the weights `(..., 3)` of `Residuals.neighbours` for even samples and sigma 1.
+def _sum_weights(rho: Any) -> list[Any]:
+    """Return the three weights of `Residuals.neighbours` for even samples and sigma 1.
 
     Let S, D and E be sums of squares of samples, of steps and of both ends.  Innovations over their sd
     have squares that sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2), without cancelling.
     """
     over = 1.0 / (1.0 + rho)
-    weights = [(1.0 - rho) * over, rho * over / (1.0 - rho), rho * over]
-    return linear_map(lambda *parts: np.stack(parts, axis=-1), *weights)
+    return [(1.0 - rho) * over, rho * over / (1.0 - rho), rho * over]
+
+
+def _squared_innovations(rho: Any, sums: Array) -> Any:
+    """Return the sum of squared innovations for sigma 1, from `Residuals.neighbours`."""
+    terms = [weight * sums[..., n] for n, weight in enumerate(_sum_weights(rho))]
+    return terms[0] + terms[1] + terms[2]
 
 
 START_RHO = 0.3  # a search begins here
@@ -221,15 +226,14 @@ class AR1:
         sigma, rho, n = self.scales(theta), self.memory.values(theta), self.levels.sizes
         inner = (1.0 - rho) * (1.0 + rho)
         constant = -0.5 * n * math.log(2 * math.pi) - n * np.log(sigma)
-        terms = _sum_weights(rho) * residuals.neighbours
-        squares = (terms[..., 0] + terms[..., 1] + terms[..., 2]) / sigma**2
+        squares = _squared_innovations(rho, residuals.neighbours) / sigma**2
         return np.asarray(constant - 0.5 * (n - 1.0) * np.log(inner) - 0.5 * squares)
 
     def square_weights(self, theta: Array) -> Array | None:
         """Return weights `(W, K, 3)`, or None if times are uneven; see `Noise.square_weights`."""
         if self._uneven is not None:
             return None
-        weights = _sum_weights(self.memory.values(theta))
+        weights = np.stack(_sum_weights(self.memory.values(theta)), axis=-1)
         return np.asarray(weights / self.scales(theta)[..., None] ** 2)
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
@@ -282,10 +286,9 @@ class AR1:
         slopes = np.empty((2, *sigma.shape))
         if self._uneven is None:
             sums = residuals.neighbours / sigma[..., None] ** 2
-            slopes[0] = (_sum_weights(rho) * sums).sum(axis=-1) - n
-            over = (n - 1.0) * rho / ((1.0 - rho) * (1.0 + rho))
-            turn = _sum_weights(Dual(rho, np.ones_like(rho))).slope
-            slopes[1] = over - 0.5 * (turn * sums).sum(axis=-1)
+            squares = _squared_innovations(Dual(rho, np.ones_like(rho)), sums)
+            slopes[0] = squares.value - n
+            slopes[1] = (n - 1.0) * rho / ((1.0 - rho) * (1.0 + rho)) - 0.5 * squares.slope
         else:
             for k, channel in enumerate(self._uneven.channels):
                 scaled = residuals.samples[:, channel.rows, k] / sigma[:, k, None]

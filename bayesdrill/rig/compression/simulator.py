@@ -36,10 +36,9 @@ from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators import exact_reason
-from bayesdrill.rig.simulators.contract import NO_BLOCK, Simulator, in_groups
+from bayesdrill.rig.simulators.contract import Simulator, in_groups
 from bayesdrill.rig.simulators.long_record import LongRecord
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
-from bayesdrill.rig.simulators.stepped import Unstepped
 
 TOLERANCE = 1e-7  # admissible error of the log likelihood
 MAX_BEYOND = 0.02  # share of points whose bound may be too large; they use the exact simulator
@@ -104,7 +103,7 @@ class Compression:
 
 
 @dataclass(frozen=True, eq=False)
-class CompressedSimulator(Unstepped):
+class CompressedSimulator(Simulator):
     """The simulator uses the record's triangle, or the `whole` simulator if that is not enough."""
 
     model: Model
@@ -243,12 +242,10 @@ class CompressedSimulator(Unstepped):
         shape, size = self._slopes_shape if q else self._shape, columns**2
         grouped = {name: in_groups(block) for name, block in blocks.items()}
         scratch = np.empty((shape.scratch_size(columns, q), LANES))
-        given = {
-            "columns": columns, "channel": size if alike > 1 else 0, "sum": alike * size, "q": q,
-            "scratch": scratch, "directions": NO_BLOCK, "weights": NO_BLOCK,
-        } | known.blocks | grouped  # fmt: skip
-        width = self._k * (shape.sums + 1) + q + q * q
-        return compile_kernel(write_sums, shape).run("sums", n, (width,), **given), scratch
+        channel, width = size if alike > 1 else 0, self._k * (shape.sums + 1) + q + q * q
+        function = compile_kernel(write_sums, shape).bind("sums", columns=columns, **known.blocks)
+        counts = {"channel": channel, "sum": alike * size, "q": q}
+        return function.run(n, (width,), scratch=scratch, **counts, **grouped), scratch
 
 
 def even_record(simulator: Simulator) -> LongRecord:

@@ -35,6 +35,7 @@ PASSES = ("sroa", "instruction_combine", "simplify_cfg")
 # LLVM's optimisation level. The higher one takes a quarter more time to compile. It gains 2 to 3 % in
 # kernels of few loops that keep the processor's arithmetic busy, and nothing in the others.
 OPT_LEVEL, HIGH_OPT_LEVEL = 1, 2
+Argument = NDArray[Any] | int  # a block, or a count, or the address of a block
 PIECE = 4096  # numbers of a walker that are copied at once, so that groups stay in the cache
 
 
@@ -46,19 +47,50 @@ class Kernel:
     arguments: Mapping[str, Sequence[str]]
     engine: Any = field(repr=False)
 
-    def call(self, name: str, given: Mapping[str, NDArray[Any] | int]) -> None:
-        """Call a function with counts and blocks, or addresses of blocks, selected from `given`."""
-        values = [given[argument] for argument in self.arguments[name]]
-        self.functions[name](*[x if isinstance(x, int) else x.ctypes.data for x in values])
+    def bind(self, name: str, **given: Argument) -> BoundFunction:
+        """Return a function with the arguments that are the same in all calls; others are zero."""
+        places = {argument: place for place, argument in enumerate(self.arguments[name])}
+        values = [address(given.get(argument, 0)) for argument in places]
+        return BoundFunction(self, self.functions[name], values, places, given)
 
-    def run(
-        self, name: str, n: int, shape: tuple[int, ...], **given: NDArray[Any] | int
-    ) -> NDArray[np.float64]:
-        """Return the results of a function for n walkers, `(n, *shape)`, from its block `out`."""
-        given["out"] = out = np.empty((-(-n // LANES), math.prod(shape), LANES))
-        given["groups"] = len(out)
-        self.call(name, given)
+
+@dataclass(frozen=True, slots=True)
+class BoundFunction:
+    """A function of a kernel has `values` of its arguments, at their `places`.
+
+    Values are counts and addresses of blocks. To ask a block for its address takes as long as
+    simulating some samples, so it is done once for blocks that are the same in all calls.
+    """
+
+    kernel: Kernel  # kept, as is its machine code
+    function: Callable[..., None]
+    values: list[int]
+    places: Mapping[str, int]
+    blocks: Mapping[str, Argument]  # kept, so that their addresses stay valid
+
+    def __call__(self, **given: Argument) -> None:
+        """Call the function with further counts and blocks."""
+        values = self.values.copy()
+        for name, argument in given.items():
+            number = argument if isinstance(argument, int) else address(argument)
+            values[self.places[name]] = number
+        self.function(*values)
+
+    def run(self, n: int, shape: tuple[int, ...], **given: Argument) -> NDArray[np.float64]:
+        """Return the results for n walkers, `(n, *shape)`, from the function's block `out`."""
+        out = np.empty((-(-n // LANES), math.prod(shape), LANES))
+        self(groups=len(out), out=out, **given)
         return rows_of_walkers(out, n).reshape(n, *shape)
+
+
+def address(argument: Argument) -> int:
+    """Return the address of a contiguous block; a count or an address is returned as it is."""
+    if isinstance(argument, int):
+        return argument
+    try:  # four times as fast as the attribute `ctypes`
+        return ctypes.addressof(ctypes.c_char.from_buffer(argument))
+    except (TypeError, ValueError):  # of a block that is read-only or empty
+        return argument.ctypes.data
 
 
 def rows_of_walkers(out: NDArray[np.float64], n: int) -> NDArray[np.float64]:

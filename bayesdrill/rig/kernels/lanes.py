@@ -29,6 +29,7 @@ VEC = ir.VectorType(F64, LANES)
 INT_VEC = ir.VectorType(I64, LANES)
 # The mask that is false in all lanes.
 NOWHERE = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
+EVERYWHERE = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [1] * LANES)
 # Blocks of single numbers, of whole numbers, and of vectors: `LANES` numbers each.
 NUMBERS, WHOLE, VECTORS = F64.as_pointer(), I64.as_pointer(), VEC.as_pointer()
 

@@ -46,8 +46,8 @@ from bayesdrill.rig.kernels.lanes import (
 from bayesdrill.rig.kernels.linear_arguments import (
     BLOCKS,
     COUNTS,
-    INNOVATIONS,
     ROWS,
+    SCALES,
     SCRATCH,
     LinearShape,
 )
@@ -195,36 +195,34 @@ class _Writer:
     def _whiten(self, plane: ir.Value, first: ir.Value, rows: ir.Value) -> None:
         """Store in a plane the whitened residuals, or their slopes, in place of these.
 
-        Weights are one over the noise. For autoregressive noise they belong to a sample, to the
-        observed one before it, which is subtracted, and to the first sample.
+        Weights belong to a sample, to the observed one before it, which is subtracted, and to the
+        first sample.
         """
-        b, k_count, memory = self.b, self.k, self.shape.output == INNOVATIONS
-        scales = b.read_row(self.weights, (3 if memory else 1) * k_count)
+        b, k_count = self.b, self.k
+        scales = b.read_row(self.weights, SCALES * k_count)
         kept = b.offset(self.last_residuals, plane, k_count)
-        samples = Loop(b, rows, b.read_row(kept, k_count) if memory else [], "white")
+        samples = Loop(b, rows, b.read_row(kept, k_count), "white")
         sample, carried = b.add(first, samples.index), Values()
         is_values = b.icmp_signed("==", plane, 0)
-        for k in range(k_count):
-            at, last = self.at(plane, samples.index, k), samples.carried[k : k + 1]
+        for k, last in enumerate(samples.carried):
+            at = self.at(plane, samples.index, k)
             measured = b.select(is_values, self.record.measured(sample, k), F64(0.0))
             residual = b.fsub(b.splat(measured), b.read(at, 0))
-            white = partial(self._white, sample, k, scales[k::k_count], residual, *last)
-            new, *residuals = self.record.if_observed(sample, k, [vector(0.0), *last], white)
+            white = partial(self._white, sample, k, scales[k::k_count], residual, last)
+            new, residual = self.record.if_observed(sample, k, [vector(0.0), last], white)
             b.write(new, at, 0)
-            carried += residuals
+            carried.append(residual)
         samples.close(carried)
         b.write_row(carried, kept)
 
     def _white(
-        self, sample: ir.Value, k: int, scales: Values, residual: ir.Value, *last: ir.Value
+        self, sample: ir.Value, k: int, scales: Values, residual: ir.Value, last: ir.Value
     ) -> Values:
-        """Return a residual with its scales and, of noise with a `last` one, the next last one."""
+        """Return a whitened residual, and the residual, which is the next last one."""
         b = self.b
-        white = b.fmul(residual, scales[0])
-        if not last:
-            return [white]
-        later, first = b.fsub(white, b.fmul(*last, scales[1])), b.fmul(residual, scales[2])
-        return [*self.record.unless_first(sample, k, [later], [first]), residual]
+        later = b.fsub(b.fmul(residual, scales[0]), b.fmul(last, scales[1]))
+        white = self.record.unless_first(sample, k, [later], [b.fmul(residual, scales[2])])
+        return [*white, residual]
 
 
 class _Walker:

@@ -32,7 +32,7 @@ BLOCKS = {
     "out": VECTORS,  # (G, planes, T, K); (G, K, n) sums; or (G, K + (1 + q)^2), see `_add_products`
 }
 SCRATCH = ("table", "states", "rungs", "planes", "last residuals", "trace")
-SIGNALS, SUMS, NORMAL, INNOVATIONS = "signals", "sums", "normal", "innovations"
+SCALES = 3  # of residuals of a channel, see `simulators.contract.whitening_scales`
 ROWS = 64  # samples of a chunk
 JOINED = 4  # samples per step of large matrices; it divides ROWS
 
@@ -43,25 +43,29 @@ class LinearShape:
 
     `rows (K, X)` says which states a channel shows; their weights, and offsets, are numbers of each
     walker. `late (K,)` says which channels are late. `uneven` says that steps differ, or that there
-    is none. `output` is sums of a `tally`, or normal equations of white or autoregressive noise. A
-    kernel of sums of squares, or of normal equations, has signals too. `slopes` says that numbers
-    have slopes, and `sensed` that starts and rows have them, which perfect sensors never need.
+    is none. The kernel has sums of a `tally` or, if that is None, normal equations, for which numbers
+    have slopes. That of sums of squares, and that of normal equations, has signals too. `sensed` says
+    that starts and rows have slopes, which perfect sensors never need.
     """
 
     layout: Layout
     rows: Pattern
     late: tuple[bool, ...]
     uneven: bool
-    output: str
     tally: ResidualSums | None
-    slopes: bool
     sensed: bool
 
     @property
     def text(self) -> str:
         """See `compile_kernel`."""
-        flags = (self.late, self.uneven, self.slopes, self.sensed)
-        return f"{self.rows} {flags} {self.output} {self.tally} {self.layout.text}"
+        return (
+            f"{self.rows} {self.late} {self.uneven} {self.tally} {self.sensed} {self.layout.text}"
+        )
+
+    @property
+    def slopes(self) -> bool:
+        """Return whether numbers have slopes."""
+        return self.tally is None
 
     @property
     def channels(self) -> int:
@@ -102,8 +106,7 @@ class LinearShape:
     @property
     def weights(self) -> int:
         """Return how many numbers have no slopes: weights of a tally, or scales of residuals."""
-        each = self.tally.weights if self.tally is not None else 0
-        return self.channels * {NORMAL: 1, INNOVATIONS: 3}.get(self.output, each)
+        return self.channels * (SCALES if self.tally is None else self.tally.weights)
 
     @property
     def single_chunk(self) -> bool:
@@ -122,10 +125,9 @@ class LinearShape:
         copies = 1 if self.single_chunk else directions
         rows = counts["samples"] if self.single_chunk else ROWS
         path = counts["samples"] if counts["stored"] else ROWS
-        normal = self.tally is None
         late = x if self.uneven else sum(self.late)
         rungs = MAX_RUNGS * len(table_entries(self.layout)) if counts["high"] >= 0 else 0
         trace = counts["knots"] * late if any(self.late) else path * x * self.apart
         table = copies * counts["nodes"] * self.table_numbers
-        planes = (count * rows * k * normal, count * k * normal)
+        planes = (count * rows * k * self.slopes, count * k * self.slopes)
         return table * width, directions * x * width, rungs * width, *planes, trace * width

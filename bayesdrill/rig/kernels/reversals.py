@@ -39,7 +39,7 @@ from bayesdrill.rig.kernels.friction import (
     StepStart,
     any_of,
 )
-from bayesdrill.rig.kernels.lanes import F64, NOWHERE, Loop, Mask, Vector
+from bayesdrill.rig.kernels.lanes import EVERYWHERE, F64, Loop, Mask, Values, Vector
 from bayesdrill.rig.kernels.numbers import (
     Column,
     Number,
@@ -299,14 +299,19 @@ def advance_stride(
         new = mode.advance(begin, directions, sizes=steady)
         return [*new[: len(state)], *steady, *trends]
 
-    stuck = [is_sticking(direction) for direction in directions]
-    slips = any_of([*stuck, *_falling(step, state)]).negate()
-    free = Mask(step.kind.b, step.kind.b.select(wanted, slips.value, NOWHERE))
-    stays = [*state, *past.sizes, *past.trends]
-    moved = step.kind.replace_if_any(free, stays, long_step)
-    new = moved[: len(state)]
-    walks = [free.negate(), *_falling(step, new), *_near_zero(step, state, new, directions)]
-    return step.kind.select_if_any(any_of(walks), moved, steps)
+    b, kind, stays = step.kind.b, step.kind, [*state, *past.sizes, *past.trends]
+
+    def stride() -> Values:
+        """Return the numbers after a long step, and the lanes that may not take it."""
+        stuck = [is_sticking(direction) for direction in directions]
+        bound = any_of([*stuck, *_falling(step, state)])
+        moved = kind.replace_if_any(bound.negate(), stays, long_step)
+        new = moved[: len(state)]
+        walks = [bound, *_falling(step, new), *_near_zero(step, state, new, directions)]
+        return [*kind.flat(moved), any_of(walks).value]
+
+    *moved, walks = b.replace_if(wanted, [*kind.flat(stays), EVERYWHERE], stride)
+    return kind.select_if_any(Mask(b, walks), kind.shaped(moved), steps)
 
 
 def _falling(step: Step, state: Sequence[Number]) -> Iterator[Mask]:

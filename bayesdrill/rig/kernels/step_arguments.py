@@ -45,7 +45,7 @@ class SteppedShape:
     inputs that are not zero. `pattern (K, R)` has the entries of rows that may differ from zero,
     over states, one and (with `efforts`) frictions. `tally` is None for signals, which a kernel of
     sums of squares stores too. `dual` says that numbers have slopes. `read` says that channels have
-    times of their own. `single` says that each step has a sample.
+    times of their own. `efforts` says that states and efforts are shown, at each step.
     """
 
     model: Model
@@ -57,7 +57,6 @@ class SteppedShape:
     tally: ResidualSums | None
     dual: bool
     read: bool
-    single: bool
     efforts: bool
 
     @property
@@ -117,7 +116,8 @@ class SteppedShape:
     @property
     def long_steps(self) -> bool:
         """Return whether there are several steps to a sample, and all varying sizes settle."""
-        if self.single or self.read or self.late or self.model.gravities or self.model.saturation:
+        special = self.model.gravities or self.model.saturation
+        if self.efforts or self.read or self.late or special:
             return False
         laws = [friction.law for friction in self.model.frictions if not friction.law.steady]
         if any(DIRECTION in friction.law.seen for friction in self.model.frictions):

@@ -362,7 +362,7 @@ class Writer:
         node, registers = samples.carried[0], samples.carried[1:]
         state_registers, totals = registers[: len(start)], registers[len(start) :]
         state = self.kind.shaped(state_registers)[: self.x_count]
-        if shape.single:
+        if shape.efforts:
             _, efforts, last = self.advance(node, state_registers)
             totals = self.observe(samples.index, state, efforts, totals)
             samples.close([b.add(node, 1), *last, *totals])

@@ -14,6 +14,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.rig.kernels.compiling import address
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
@@ -72,8 +73,11 @@ class Simulator(ABC):
         return SensorParameters(self.model, self.experiment, self.sensing)
 
     @property
-    def record(self) -> Mapping[str, int] | None:
-        """Return the addresses of channels `y (T, K)` and inputs `u (T + 1, S)`, for a kernel."""
+    def record(self) -> Mapping[str, Array] | None:
+        """Return channels `y (T, K)` and inputs `u (T + 1, S)`, for the steady Kalman filter.
+
+        It is None if that filter cannot be used.
+        """
         return None
 
     @property
@@ -106,9 +110,9 @@ class Simulator(ABC):
         """Return a simulator with other step sizes, if it has any."""
         return self
 
-    @abstractmethod
     def motion(self, full: Array) -> Motion:
-        """Return the motion of the rig itself, before any sensor."""
+        """Return the motion of a rig with friction, before any sensor."""
+        raise NotImplementedError(f"{self.model.name} has no friction")
 
     @abstractmethod
     def signals(self, full: Array) -> Array:
@@ -244,12 +248,6 @@ def log_sums(tally: Array) -> Array:
     return np.asarray(np.where(squares < MAX_SQUARES, logs, np.nan))
 
 
-# This empty block stands for arguments that a kernel does not read. Its address is kept, because
-# asking for it takes as long as simulating some samples.
-NO_BLOCK = np.zeros(0)
-NO_ADDRESS = NO_BLOCK.ctypes.data
-
-
 def first_observed(y: Array) -> Indices:
     """Return the number `(K,)` of the first sample of each channel that is not NaN."""
     return np.isnan(y).argmin(axis=0).astype(np.int64)
@@ -257,8 +255,8 @@ def first_observed(y: Array) -> Indices:
 
 def aligned(scratch: Array) -> int:
     """Return an address in `scratch` at a cache line; vectors across two lines take twice as long."""
-    start = scratch.ctypes.data
-    return int(start + -start % 64)
+    start = address(scratch)
+    return start + -start % 64
 
 
 def in_groups(*parts: Array) -> Array:
@@ -273,7 +271,7 @@ def in_groups(*parts: Array) -> Array:
         here = out[:, start : start + flat.shape[1]]
         start += flat.shape[1]
         if len(flat) == 1:
-            here[:] = flat.T.repeat(LANES, axis=1)
+            here[:] = flat.T
             continue
         if missing:
             flat = np.concatenate([flat, flat[-1:].repeat(missing, axis=0)])

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.kernels.compiling import HIGH_OPT_LEVEL, Kernel, compile_kernel
+from bayesdrill.rig.kernels.compiling import HIGH_OPT_LEVEL, BoundFunction, compile_kernel
 from bayesdrill.rig.kernels.exponential import Layout, weight_kinds
 from bayesdrill.rig.kernels.kalman_filter import StateSpace, smoother_size, write_filter
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.steady_state_kalman import BLOCK_SAMPLES, write_steady_state
 from bayesdrill.rig.models.latent_torque import AugmentedModel, MissingTorque, augment
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.contract import NO_BLOCK, in_groups
+from bayesdrill.rig.simulators.contract import in_groups
 from bayesdrill.rig.simulators.long_record import constant_numbers, input_layout
 
 CLOCK_TOLERANCE = 1e-9  # relative to the median step: steps with a smaller difference are equal
@@ -124,43 +124,36 @@ class KalmanFilter:
             "weights": self.output_matrix,
         }
 
-    def log_density(self, parameters: Array, sigmas: Array, record: Mapping[str, int]) -> Array:
-        """Return the log-density `(W, K)` of the `Simulator.record` at these addresses.
+    def log_density(self, parameters: Array, sigmas: Array, record: Mapping[str, Array]) -> Array:
+        """Return the log-density `(W, K)` of a `Simulator.record`.
 
         The contribution of the start is divided equally among channels.
         """
         k, t_count = self.system.k, len(self.experiment.t)
         walkers = in_groups(parameters, sigmas**2)
         out = np.empty((2 * k + 1, len(walkers) * LANES))
-        self._steady_state.call("steadily", {
-            "groups": len(walkers), "samples": t_count, "told": walkers, "out": out,
-            "constants": self.constants[1], "shown": self._shown[1], **record,
-        })  # fmt: skip
+        self._steady_state(groups=len(walkers), told=walkers, out=out, **record)
         logs = np.log(out[k:])
         spread = t_count * (logs[:k] + 0.5 * math.log(2 * math.pi)) + logs[k] / (2 * k)
         return np.asarray((out[:k] - spread).T)[: len(parameters)]
 
     @cached_property
-    def _shown(self) -> tuple[Array, int]:
-        """Return scratch memory, and its address."""
-        scratch = np.empty(((len(self.experiment.t) // BLOCK_SAMPLES + 1) * self.system.n, LANES))
-        return scratch, scratch.ctypes.data
-
-    @cached_property
-    def _steady_state(self) -> Kernel:
-        return compile_kernel(write_steady_state, self.system, self.layout, effort=HIGH_OPT_LEVEL)
+    def _steady_state(self) -> BoundFunction:
+        t_count, effort = len(self.experiment.t), HIGH_OPT_LEVEL
+        kernel = compile_kernel(write_steady_state, self.system, self.layout, effort=effort)
+        scratch = np.empty(((t_count // BLOCK_SAMPLES + 1) * self.system.n, LANES))
+        return kernel.bind("steadily", samples=t_count, constants=self._constants, shown=scratch)
 
     @cached_property
     def layout(self) -> Layout:
         """Return the layout of rig and torque."""
         return input_layout(self.augmented, self.experiment, with_lead=True)
 
-    @cached_property
-    def constants(self) -> tuple[Array, int]:
-        """Return the kernel's block of constants of the experiment, and its address."""
+    @property
+    def _constants(self) -> Array:
+        """Return the kernel's block of constants of the experiment."""
         start = self.augmented.initial_state(self.experiment.start)
-        block = np.array([*constant_numbers(self.experiment), *start, *self.output_matrix.ravel()])
-        return block, block.ctypes.data
+        return np.array([*constant_numbers(self.experiment), *start, *self.output_matrix.ravel()])
 
     def whiten(self, parameters: Array, sigmas: Array, residuals: Array) -> tuple[Array, Array]:
         """Return whitened residuals `(W, T, K)` and the variances `(W, T, K)` of innovations.
@@ -217,13 +210,12 @@ class KalmanFilter:
         n_walkers, t_count = len(parameters[0]), len(self.experiment.t)
         columns = system.k * each if each else system.n + (system.k if name == "draw" else 0)
         smooths, steps = name == "smooth", len(self.steps.spans)
-        samples = compile_kernel(write_filter, system, name).run(
-            name, n_walkers, (t_count, columns), samples=t_count, steps=steps,
-            lead=int(self.steps.lead), parameters=_in_turn(parameters),
-            variances=_in_turn(variances), left=_in_turn(residuals),
-            table=np.empty((steps * 2 * system.n**2 * width, LANES)),
-            kept=np.empty((t_count * smoother_size(system), LANES)) if smooths else NO_BLOCK,
-            **self._shared,
+        function = compile_kernel(write_filter, system, name).bind(name, **self._shared)
+        samples = function.run(
+            n_walkers, (t_count, columns), samples=t_count, steps=steps, lead=int(self.steps.lead),
+            parameters=_in_turn(parameters), variances=_in_turn(variances),
+            left=_in_turn(residuals), table=np.empty((steps * 2 * system.n**2 * width, LANES)),
+            kept=np.empty((t_count * smoother_size(system), LANES)) if smooths else 0,
         )  # fmt: skip
         return samples.reshape(n_walkers, t_count, -1, each) if each else samples
 

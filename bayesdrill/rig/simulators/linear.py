@@ -19,15 +19,15 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, dual, linear_map
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
+from bayesdrill.rig.kernels.compiling import BoundFunction, compile_kernel
 from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.linear import write_linear
-from bayesdrill.rig.kernels.linear_arguments import INNOVATIONS, NORMAL, SIGNALS, SUMS, LinearShape
+from bayesdrill.rig.kernels.linear_arguments import SCALES, LinearShape
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import (
-    NO_ADDRESS,
+    Simulator,
     aligned,
     first_observed,
     in_groups,
@@ -35,7 +35,6 @@ from bayesdrill.rig.simulators.contract import (
 )
 from bayesdrill.rig.simulators.long_record import LongRecord, input_layout, record_blocks
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers, beside
-from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, inputs_at_knots
 
 # Largest record [numbers] for which a kernel takes memory for eight walkers at once.
@@ -45,7 +44,7 @@ MAX_AHEAD = 4  # largest advance of a channel, in lengths of the record
 
 
 @dataclass(frozen=True, eq=False)
-class Response(Unstepped):
+class Response(Simulator):
     """The response is that of `model` in `experiment`, observed by sensors with `sensing`."""
 
     model: Model
@@ -54,44 +53,40 @@ class Response(Unstepped):
 
     exact: ClassVar[bool] = True
 
-    @property
-    def record(self) -> Mapping[str, int] | None:
-        """See `Simulator.record`."""
-        return self._record[1]
-
     @cached_property
-    def _record(self) -> tuple[dict[str, Array], dict[str, int] | None]:
-        """Return record and inputs; and their addresses if sensors are perfect and times even."""
-        experiment, blocks = self.experiment, record_blocks(self.experiment)
+    def record(self) -> Mapping[str, Array] | None:
+        """See `Simulator.record`; it is None unless sensors are perfect and times even."""
+        experiment = self.experiment
         plain = self.sensing.empty and experiment.uniform and bool(experiment.seen.all())
-        addresses = {name: block.ctypes.data for name, block in blocks.items()}
-        return blocks, addresses if plain else None
+        return record_blocks(experiment) if plain else None
 
     def signals(self, full: Array) -> Array:
         """Return the channels `(W, T, K)` in SI, for parameters `(W, P)`."""
         if self._padded.size > MAX_GROUPED and self.record is not None:
             record = LongRecord(self.sensors, self.experiment.dt, len(self._grid.t) - 1)
             return np.array([record.signals(point) for point in full])
-        return self._run(SIGNALS, full, (1, *self._padded.shape))[:, 0, self._samples]
+        shape = (1, *self._padded.shape)
+        return self._run(full, shape, tally=SQUARES, stored=True)[:, 0, self._samples]
 
     def course(self, full: Array, along: Array) -> tuple[Array, Array]:
         """Return signals `(W, T, K)` and their slopes `(W, q, T, K)` in the directions `along`."""
         shape = (1 + along.shape[1], *self._padded.shape)
-        planes = self._run(SIGNALS, full, shape, along=along)[:, :, self._samples]
+        planes = self._run(full, shape, along=along, stored=True)[:, :, self._samples]
         return planes[:, 0], planes[:, 1:]
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
         shape = (self._padded.shape[1], tally.count)
-        return self._run(SUMS, full, shape, tally=tally, weights=weights)
+        return self._run(full, shape, tally=tally, weights=weights)
 
     def normal(self, full: Array, along: Array, weights: Array) -> tuple[Array, Array, Array]:
         """See `Simulator.normal`; q is at least 1."""
         q, k = along.shape[1], self._padded.shape[1]
         scales = whitening_scales(weights)
-        name = NORMAL if scales.shape[2] == 1 else INNOVATIONS
+        if scales.shape[2] == 1:  # white noise has no memory, and all samples are alike
+            scales = scales * np.array([1.0, 0.0, 1.0])
         flat = scales.swapaxes(1, 2).reshape(len(scales), -1)
-        rows = self._run(name, full, (k + (1 + q) ** 2,), along=along, weights=flat)
+        rows = self._run(full, (k + (1 + q) ** 2,), along=along, weights=flat)
         products = rows[:, k:].reshape(-1, 1 + q, 1 + q)
         lower = np.tril(products[:, 1:, 1:])
         return rows[:, :k], -products[:, 1:, 0], lower + np.tril(lower, -1).swapaxes(1, 2)
@@ -132,32 +127,36 @@ class Response(Unstepped):
             rows=tuple(map(tuple, (self.sensors.weights != 0.0).tolist())),
             late=self._late,
             uneven=not self._grid.uniform,
-            output=SUMS,
             tally=SQUARES,
-            slopes=False,
             sensed=False,
         )
 
-    def _shape(self, output: str, tally: ResidualSums | None, *, slopes: bool) -> LinearShape:
-        if output == SIGNALS:  # these kernels store signals too
-            output, tally = (NORMAL, None) if slopes else (SUMS, SQUARES)
-        sensed = slopes and not self.sensing.empty
-        return replace(self._structure, output=output, tally=tally, slopes=slopes, sensed=sensed)
-
     @cached_property
-    def _known(self) -> dict[tuple[Any, ...], Any]:
-        """Return the cache of kernels, and of blocks with their addresses."""
+    def _functions(self) -> dict[tuple[Any, ...], tuple[BoundFunction, int]]:
+        """Return the cache of `_bind`."""
         return {}
 
-    def _kernel(
-        self, output: str, tally: ResidualSums | None, *, slopes: bool
-    ) -> tuple[Kernel, LinearShape]:
-        wanted = (output, tally, slopes)
-        if wanted not in self._known:
-            shape = self._shape(output, tally, slopes=slopes)
-            self._known[wanted] = compile_kernel(write_linear, shape), shape
-        kernel, shape = self._known[wanted]
-        return kernel, shape
+    def _bind(
+        self, tally: ResidualSums | None, q: int, ahead: int, *, stored: bool
+    ) -> tuple[BoundFunction, int]:
+        """Return the kernel with what does not depend on walkers, and the vectors of scratch.
+
+        There are q directions, and `ahead` further knots after the last one.
+        """
+        wanted = (tally, q, ahead, stored)
+        if wanted not in self._functions:
+            sensed = tally is None and not self.sensing.empty
+            shape = replace(self._structure, tally=tally, sensed=sensed)
+            samples = len(self._padded)
+            counts = {
+                "samples": samples, "knots": samples + ahead, "directions": q, "high": self._high,
+                "nodes": len(self._grid.spans), "stored": int(stored),
+            }  # fmt: skip
+            places = np.cumsum([0, *shape.scratch(counts)])
+            kernel, blocks = compile_kernel(write_linear, shape), self._knots(ahead)
+            bound = kernel.bind("linear", places=places, **counts, **blocks)
+            self._functions[wanted] = bound, int(places[-1]) + 1
+        return self._functions[wanted]
 
     @cached_property
     def _shared(self) -> dict[str, Array]:
@@ -167,30 +166,22 @@ class Response(Unstepped):
         record = {"y": self._padded, "begin": first_observed(self._padded)}
         return {"numbers": numbers, "spans": g.spans, "chained": g.chained, **record}
 
-    def _knots(self, ahead: int) -> dict[str, int]:
-        """Return the addresses of blocks, with `ahead` further knots after the last one.
-
-        To ask an array for its address takes as long as some samples of a group.
-        """
-        if (ahead,) not in self._known:
-            g, first_order = self._grid, self.experiment.first_order
-            u, slopes = inputs_at_knots(g, self.sensors.knots[1], first_order=first_order)
-            more = ahead + len(self._padded) - len(u)
-            u = np.vstack([u, u[-1:].repeat(more, axis=0)])
-            if first_order:
-                u = np.hstack([u, np.vstack([slopes, np.zeros((more, slopes.shape[1]))])])
-            later = g.t[-2] + self._median_step * np.arange(1, more + 1)
-            node = np.append(g.node[:-1], np.full(more + 1, self._median_node))
-            blocks = self._shared | {
-                "node": node.astype(np.int64),
-                "share": np.append(g.share, np.full(more, -1.0)),
-                "t": np.concatenate([g.t[:-1], later, [np.inf]]),
-                "u": np.ascontiguousarray(u),
-            }
-            # Keep the blocks, so that their addresses stay valid.
-            self._known[ahead,] = {name: x.ctypes.data for name, x in blocks.items()}, blocks
-        addresses: dict[str, int] = self._known[ahead,][0]
-        return addresses
+    def _knots(self, ahead: int) -> dict[str, Array]:
+        """Return all blocks that do not depend on walkers, with `ahead` knots after the last one."""
+        g, first_order = self._grid, self.experiment.first_order
+        u, slopes = inputs_at_knots(g, self.sensors.knots[1], first_order=first_order)
+        more = ahead + len(self._padded) - len(u)
+        u = np.vstack([u, u[-1:].repeat(more, axis=0)])
+        if first_order:
+            u = np.hstack([u, np.vstack([slopes, np.zeros((more, slopes.shape[1]))])])
+        later = g.t[-2] + self._median_step * np.arange(1, more + 1)
+        node = np.append(g.node[:-1], np.full(more + 1, self._median_node))
+        return self._shared | {
+            "node": node.astype(np.int64),
+            "share": np.append(g.share, np.full(more, -1.0)),
+            "t": np.concatenate([g.t[:-1], later, [np.inf]]),
+            "u": np.ascontiguousarray(u),
+        }
 
     @cached_property
     def _median_node(self) -> int:
@@ -244,17 +235,16 @@ class Response(Unstepped):
 
     def _run(
         self,
-        output: str,
         full: Array,
         out: tuple[int, ...],
         *,
         along: Array | None = None,
         tally: ResidualSums | None = None,
         weights: Array | None = None,
+        stored: bool = False,
     ) -> Array:
-        """Run the kernel of an output, and return its result `(W, *out)`."""
-        kernel, shape = self._kernel(output, tally, slopes=along is not None)
-        blocks, q = dict[str, Array | int](along=NO_ADDRESS), 0
+        """Return sums of a tally or, along directions, normal equations; or signals: `(W, *out)`."""
+        blocks, q = dict[str, Array](), 0
         walkers: Array | Dual = full
         if along is not None:
             n, q, p = along.shape
@@ -266,20 +256,9 @@ class Response(Unstepped):
             blocks["along"] = in_groups(numbers.slope.reshape(len(full), -1))
             numbers = numbers.value[::times]  # the values are the same in all directions
         if weights is None and along is not None:  # signals need no weights
-            weights = np.zeros((1, shape.channels))
+            weights = np.zeros((1, SCALES * self._padded.shape[1]))
         others += [] if weights is None else [weights]
-        samples = len(self._padded)
-        counts = {
-            "samples": samples, "knots": samples + ahead, "directions": q,
-            "nodes": len(self._grid.spans), "high": self._high, "stored": int(output == SIGNALS),
-        }  # fmt: skip
-        wanted = (output, tally, along is not None, *counts.values())
-        if wanted not in self._known:
-            places = np.cumsum([0, *shape.scratch(counts)])
-            self._known[wanted] = places, places.ctypes.data
-        places, address = self._known[wanted]
-        scratch = np.empty((places[-1] + 1, LANES))
-        return kernel.run(
-            "linear", len(full), out, own=in_groups(numbers, *others), **counts, **blocks,
-            places=address, scratch=aligned(scratch), **self._knots(ahead),
-        )  # fmt: skip
+        bound, size = self._bind(tally, q, ahead, stored=stored)
+        scratch = np.empty((size, LANES))
+        own = in_groups(numbers, *others)
+        return bound.run(len(full), out, own=own, scratch=aligned(scratch), **blocks)

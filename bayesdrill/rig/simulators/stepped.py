@@ -9,7 +9,6 @@ sampling times are read between steps.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,7 +18,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, linear_map
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
+from bayesdrill.rig.kernels.compiling import BoundFunction, compile_kernel
 from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.step_arguments import SteppedShape
@@ -27,8 +26,6 @@ from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import (
-    NO_ADDRESS,
-    NO_BLOCK,
     REVERSAL_SUBSTEPS,
     Motion,
     Simulator,
@@ -38,69 +35,6 @@ from bayesdrill.rig.simulators.contract import (
 )
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.time_grid import UniformGrid
-
-
-@dataclass(frozen=True)
-class BoundKernel:
-    """The kernel is bound to a grid and a record `y (T, K)`.
-
-    `numbers` has the lengths of steps, then the constant inputs. `turns` is the number of parts of
-    a step with a reversal.
-    """
-
-    kernel: Kernel
-    shape: SteppedShape
-    ahead: UniformGrid
-    y: Array
-    numbers: Array
-    turns: int
-
-    @cached_property
-    def _fixed_addresses(self) -> dict[str, int]:
-        """Return the addresses of blocks; asking an array costs as much as twenty steps of a group."""
-        blocks = {
-            "numbers": self.numbers,
-            "pieces": self.ahead.counts,
-            "usual": self.ahead.usual,
-            "t": self.ahead.places,
-            "y": NO_BLOCK if self.shape.efforts else self.y,
-            "begin": first_observed(self.y),
-        }
-        return {name: block.ctypes.data for name, block in blocks.items()}
-
-    def run(self, n: int, parts: Mapping[str, list[Array]], *, stored: bool) -> Array:
-        """Run n walkers; return sums `(W, K, n)`, or signals `(W, T, K, registers of a number)`.
-
-        Each part is `(W, ...)`, or `(1, ...)` if walkers share it, and comes with its slopes.
-        `stored` asks for signals, even from a kernel of sums.
-        """
-        shape, ahead = self.shape, self.ahead
-        k, numbers = len(shape.pattern), shape.numbers
-        after = ahead.steps_after(parts["shift"][0]) if shape.read else 0
-        walkers, nodes = self._in_lanes(parts), ahead.nodes + after
-        signals = (ahead.samples, k, numbers)
-        out = signals if stored or shape.tally is None else (k, shape.tally.count)
-        size = (nodes + 1) * k * 3 * numbers * LANES
-        trace = np.empty(size) if shape.read else NO_ADDRESS
-        margin = ahead.margin(parts["lag"][0]) if shape.late else 0
-        return self.kernel.run(
-            "stepping", n, out, samples=ahead.samples, nodes=nodes, turns=self.turns,
-            stored=int(stored), own=walkers, trace=trace, u=ahead.inputs(margin, after)[1],
-            **self._fixed_addresses,
-        )  # fmt: skip
-
-    def _in_lanes(self, parts: Mapping[str, list[Array]]) -> Array:
-        """Return the parts `(G, width, LANES)`, see `walker_blocks`, of walkers in groups."""
-        named = parts
-        if self.shape.late:
-            behind, *shares = self.ahead.delays(parts["lag"])
-            named = {**parts, "share": shares, "behind": [behind] * len(shares)}
-        return in_groups(*(part for name in self._names for part in named[name]))
-
-    @cached_property
-    def _names(self) -> tuple[str, ...]:
-        """Return the names of parts; asking the shape each time costs as much as some steps."""
-        return tuple(self.shape.walker_blocks)
 
 
 @dataclass(frozen=True)
@@ -167,12 +101,19 @@ class Stepped(Simulator):
         return UniformGrid(*knots, first_order, self.pieces, every_node=True)
 
     @cached_property
-    def _bound_kernels(self) -> dict[Any, BoundKernel]:
+    def _functions(self) -> dict[Any, tuple[SteppedShape, tuple[str, ...], BoundFunction]]:
+        """Return the cache of `_bind`."""
         return {}
 
-    def _bind(self, ahead: UniformGrid, *, tally: ResidualSums | None, **kind: bool) -> BoundKernel:
+    def _bind(
+        self, ahead: UniformGrid, tally: ResidualSums | None, **kind: bool
+    ) -> tuple[SteppedShape, tuple[str, ...], BoundFunction]:
+        """Return the kernel of a `kind`, with what does not depend on walkers.
+
+        Its structure and the names of its `walker_blocks` come with it.
+        """
         wanted = (id(ahead), tally, *kind.values())
-        if wanted not in self._bound_kernels:
+        if wanted not in self._functions:
             w, experiment = self.sensors, self.experiment
             # Columns of states and of one, with or without offsets, so that one kernel serves both.
             seen = np.column_stack([w.weights, np.ones(len(w.weights))])
@@ -187,13 +128,14 @@ class Stepped(Simulator):
                 tally=tally,
                 **kind,
             )
-            kernel = compile_kernel(write_stepping, shape)
             inputs = [experiment.constant[name] for name in shape.constant]
-            numbers = np.array([*ahead.spans, *inputs])
-            self._bound_kernels[wanted] = BoundKernel(
-                kernel, shape, ahead, w.padded, numbers, self.turns
-            )
-        return self._bound_kernels[wanted]
+            bound = compile_kernel(write_stepping, shape).bind(
+                "stepping", numbers=np.array([*ahead.spans, *inputs]), pieces=ahead.counts,
+                usual=ahead.usual, t=ahead.places, samples=ahead.samples, turns=self.turns,
+                y=w.padded, begin=first_observed(w.padded),
+            )  # fmt: skip
+            self._functions[wanted] = shape, tuple(shape.walker_blocks), bound
+        return self._functions[wanted]
 
     def _run(
         self,
@@ -212,15 +154,25 @@ class Stepped(Simulator):
         if efforts:
             parts["rows"] = [_unit_rows(self.model)]
         read = not efforts and (self.sensing.shifts or not ahead.aligned)
-        single = ahead.single and not read
         dual = along is not None
-        stored = tally is None and not dual and not efforts
+        stored = tally is None and not dual and not efforts  # by a kernel of sums
         wanted = SQUARES if stored else tally
-        bound = self._bind(
-            ahead, tally=wanted, efforts=efforts, dual=dual, read=read, single=single
-        )
-        result = bound.run(len(full), parts, stored=stored)
-        return result[..., 0] if tally is None and not dual else result
+        shape, names, function = self._bind(ahead, wanted, efforts=efforts, dual=dual, read=read)
+        after = ahead.steps_after(parts["shift"][0]) if read else 0
+        margin = 0
+        if shape.late:
+            behind, *shares = ahead.delays(parts["lag"])
+            parts |= {"share": shares, "behind": [behind] * len(shares)}
+            margin = ahead.margin(parts["lag"][0])
+        k, numbers, nodes = len(shape.pattern), shape.numbers, ahead.nodes + after
+        own = in_groups(*(part for name in names for part in parts[name]))
+        trace = np.empty((nodes + 1) * k * 3 * numbers * LANES) if read else 0
+        out = (k, tally.count) if tally else (ahead.samples, k, numbers)
+        result = function.run(
+            len(full), out, nodes=nodes, stored=int(stored), own=own, trace=trace,
+            u=ahead.inputs(margin, after),
+        )  # fmt: skip
+        return result if tally or dual else result[..., 0]
 
     def _parts(self, full: Array, along: Array | None) -> dict[str, list[Array]]:
         """Return the parts of the block `own`, and their slopes.
@@ -262,14 +214,6 @@ class Stepped(Simulator):
             ObservedWalkers(self.sensors, np.zeros((1, len(self.parameters))))
         )
         return parts | {"before": np.zeros((1, len(self.model.states)))}
-
-
-class Unstepped(Simulator):
-    """The simulator has no steps of its own; its motion is computed in steps of one sample."""
-
-    def motion(self, full: Array) -> Motion:
-        """See `Simulator.motion`."""
-        return Stepped(self.model, self.experiment, self.sensing).motion(full)
 
 
 def _unit_rows(model: Model) -> Array:

@@ -210,14 +210,9 @@ class UniformGrid:
         self._substeps = pieces
 
     @cached_property
-    def single(self) -> bool:
-        """Return whether each step has exactly one sample."""
-        return self.aligned and bool((self.counts == 1).all())
-
-    @cached_property
     def usual(self) -> Whole:
-        """Return 1 for each sample whose next one is a median step away, else 0: `(T,)`."""
-        return np.asarray(self.counts == self._substeps).astype(np.int64)
+        """Return 1 for each sample whose next one is several steps, a median one, away: `(T,)`."""
+        return np.asarray((self.counts == self._substeps) & (self.counts > 1)).astype(np.int64)
 
     def between(self, t: Array) -> tuple[Whole, Array]:
         """Return the node before each time, and how far it is from there in steps."""
@@ -248,8 +243,8 @@ class UniformGrid:
         shares = [np.clip(ratio - whole, 0.0, None), *(lag / self.span for lag in lags[1:])]
         return (np.nan_to_num(whole), *shares)
 
-    def inputs(self, margin: int, after: int) -> tuple[Array, int]:
-        """Return inputs over each step `(N + 1 + after, S)`, with slopes `2 S`, and their address.
+    def inputs(self, margin: int, after: int) -> Array:
+        """Return inputs over each step `(N + 1 + after, S)`, with slopes `2 S`.
 
         There are `margin` more rows before and after. Outside the record inputs are constant.
         """
@@ -258,11 +253,11 @@ class UniformGrid:
         if (margin, after) not in self._kept:
             at = np.arange(1 - margin, len(self._rows) - 1 + after + margin)
             known = np.ascontiguousarray(self._rows[np.clip(at, 0, len(self._rows) - 1)])
-            self._kept[margin, after] = known[margin:], known[margin:].ctypes.data
+            self._kept[margin, after] = known[margin:]
         return self._kept[margin, after]
 
     @cached_property
-    def _kept(self) -> dict[tuple[int, int], tuple[Array, int]]:
+    def _kept(self) -> dict[tuple[int, int], Array]:
         return {}
 
     @cached_property

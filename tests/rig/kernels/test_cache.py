@@ -23,7 +23,6 @@ from bayesdrill.rig.kernels.cache import CACHE_VARIABLE, CodeCache, user_cache
 from bayesdrill.rig.kernels.compiling import compile_kernel
 from bayesdrill.rig.kernels.lanes import Module
 from bayesdrill.rig.kernels.linear import write_linear
-from bayesdrill.rig.kernels.linear_arguments import SUMS
 from bayesdrill.rig.kernels.step_arguments import SteppedShape
 from bayesdrill.rig.kernels.sums import LOGS, SQUARES
 from bayesdrill.rig.kernels.time_stepping import write_stepping
@@ -348,7 +347,7 @@ def test_another_law_of_a_servo_is_another_text(law: str, monkeypatch: pytest.Mo
 
 
 def test_equal_formulas_are_one_kernel_wherever_they_come_from() -> None:
-    shape = response("step")._shape(SUMS, SQUARES, slopes=False)
+    shape = response("step")._structure
     one = shape.layout
     other = replace(one, entries=lambda p: [(i, j, 1.0 * x) for i, j, x in one.entries(p)])
     alike = replace(one, entries=lambda p: list(one.entries(p)))

@@ -20,8 +20,6 @@ from bayesdrill.rig.kernels.compiling import (
 )
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.linear import write_linear
-from bayesdrill.rig.kernels.linear_arguments import SUMS
-from bayesdrill.rig.kernels.sums import SQUARES
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.linear import Response
 
@@ -75,7 +73,7 @@ def test_code_lives_as_long_as_a_simulator_of_it() -> None:
     compile_kernel.cache_clear()
     made = Response(MotorShaft(), experiment)
     expected = made.squares(theta)
-    shape = made._shape(SUMS, SQUARES, slopes=False)
+    shape = made._structure
     engine = weakref.ref(compile_kernel(write_linear, shape).engine)
     assert compile_kernel.cache_info().hits == 1
     compile_kernel.cache_clear()
