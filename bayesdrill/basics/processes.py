@@ -20,6 +20,7 @@ FORKED = sys.platform == "linux"
 CONTEXT: multiprocessing.context.BaseContext = multiprocessing.get_context(
     "forkserver" if FORKED else "spawn"
 )
+PRELOADED = "bayesdrill.sampling.preloaded"  # the module that loads what workers need
 STOPPING = ("SIGINT", "SIGHUP", "SIGTERM")
 # The server has one thread, so that its memory can be forked; so have its workers.
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
@@ -58,7 +59,7 @@ def start_server() -> None:
         if FORKED:
             before = {name: os.environ.get(name) for name in ONE_THREAD}
             os.environ.update(ONE_THREAD)
-            forkserver.set_forkserver_preload(["bayesdrill.sampling.preloaded"])
+            forkserver.set_forkserver_preload([PRELOADED])
             forkserver.ensure_running()
             for name, value in before.items():
                 os.environ.pop(name) if value is None else os.environ.update({name: value})

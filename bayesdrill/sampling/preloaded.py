@@ -1,16 +1,19 @@
-"""Load what workers search, walk and draw with; only the server of `basics.processes` imports this."""
+"""Load what workers search, walk and draw with; only workers and their server import this."""
 
 import importlib
 import sys
 
-# The package corner works without ArviZ, which takes longer to load than all others together.
-sys.modules.setdefault("arviz", None)  # type: ignore[arg-type]
-for _name in (
+# Optional parts of corner and emcee, which no worker uses, take longer to load than all others.
+UNUSED = ("arviz", "scipy.stats")
+NEEDED = (
+    "emcee",
+    "corner",
+    "matplotlib.backends.backend_agg",
     "scipy.linalg",
     "scipy.optimize",
-    "emcee",
-    "matplotlib.backends.backend_agg",
-    "corner",
     "bayesdrill.report.publish",
-):
+)
+sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]
+for _name in NEEDED:
     importlib.import_module(_name)
+del sys.modules["scipy.stats"]  # some figures use it

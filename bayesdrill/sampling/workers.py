@@ -14,11 +14,10 @@ import multiprocessing
 import os
 import pickle
 import signal
-import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -28,7 +27,7 @@ from typing import IO, Any, Concatenate, Self, cast
 from threadpoolctl import threadpool_limits
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.processes import CONTEXT, held_signals, start_server
+from bayesdrill.basics.processes import CONTEXT, PRELOADED, held_signals, start_server
 from bayesdrill.inference import step_error
 from bayesdrill.inference.compression import Compressions, compressed
 from bayesdrill.inference.posterior import Posterior
@@ -119,15 +118,10 @@ def _copy_posterior(posterior: Posterior) -> tuple[_Copy, IO[bytes] | None]:
 
 
 class WorkerPool:
-    """A pool, which is a context manager, has workers that share one `posterior`.
+    """A pool, which is a context manager, has workers that share one `posterior`."""
 
-    `afterwards` are modules that are needed after sampling, see `preload`.
-    """
-
-    def __init__(
-        self, posterior: Posterior, processes: int, afterwards: Sequence[str] = ()
-    ) -> None:
-        self.posterior, self.processes, self.afterwards = posterior, processes, afterwards
+    def __init__(self, posterior: Posterior, processes: int) -> None:
+        self.posterior, self.processes = posterior, processes
         self._form = _Form()
         self._pool: ProcessPoolExecutor | None = None
         self._arrays: IO[bytes] | None = None
@@ -156,12 +150,6 @@ class WorkerPool:
     ) -> Future[T]:
         """Submit a function that does not need the posterior of the pool."""
         return self.submit(_call, function, *arguments, **named)
-
-    def preload(self, modules: Sequence[str]) -> None:
-        """Let each worker load modules, which takes long, while this process works alone."""
-        if self._pool is not None and modules:
-            for _ in range(self.processes):
-                self.submit_function(load, modules)
 
     def set_steps(self, steps: Mapping[str, StepSizes]) -> None:
         """Use the posterior with these steps from now on (`inference.step_error`)."""
@@ -241,8 +229,7 @@ def _start_worker(prepare: Callable[..., None], *arguments: Any) -> None:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     threading.Thread(target=_exit_with_parent, daemon=True).start()
     ONE_THREAD.__enter__()
-    # The package corner works without ArviZ, which takes longer to load than all others together.
-    sys.modules.setdefault("arviz", None)  # type: ignore[arg-type]
+    importlib.import_module(PRELOADED)  # unless it was forked from the server
     atexit.register(os._exit, 0)  # nothing has to be saved or cleaned up
     prepare(*arguments)
 
@@ -264,12 +251,6 @@ def _exit_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
-
-
-def load(modules: Sequence[str]) -> None:
-    """Load modules that are needed soon."""
-    for name in modules:
-        importlib.import_module(name)
 
 
 def _call(_: Posterior, function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
