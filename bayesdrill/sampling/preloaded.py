@@ -1,5 +1,6 @@
 """Load what workers search, walk and draw with; only workers and their server import this."""
 
+import gc
 import importlib
 import sys
 
@@ -17,3 +18,4 @@ sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]
 for _name in NEEDED:
     importlib.import_module(_name)
 del sys.modules["scipy.stats"]  # some figures use it
+gc.freeze()  # searches for cycles pass over what is loaded, so that workers share its memory
