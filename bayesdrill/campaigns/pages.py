@@ -283,17 +283,13 @@ def campaign_sections(record: CampaignRecord, ending: str) -> tuple[Section, ...
             f"{record.verdict}.",
             warning if doubts else None,
         ),
-        build("Products", products_table(population), Note(TABLE_EXPLAINED), coverage),
         build("Over time", "\n".join(history), Picture("runs", CHART, ending)),
-        build(
-            "Runs that do not belong",
-            "\n".join(foreign[:MOST_NAMED]) or "none",
-            brief=bool(foreign),
-        ),
+        build("Products", products_table(population), Note(TABLE_EXPLAINED), coverage),
+        build("Runs that do not belong", "\n".join(foreign[:MOST_NAMED])),
         build("Noted", noted_table(population), brief=False),
         build("Rigs", rigs_table(population), brief=False),
-        build("Runs that are not used", "\n".join(bad) or "none", brief=bool(bad)),
-        build("Runs whose fit is doubtful", "\n".join(weak) or "none", brief=False),
+        build("Runs that are not used", "\n".join(bad)),
+        build("Runs whose fit is doubtful", "\n".join(weak), brief=False),
     )
     return tuple(section for section in sections if section.blocks)
 
