@@ -14,6 +14,7 @@ from typer.core import TyperGroup
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.processes import available_processors, start_server
 from bayesdrill.basics.progress import SILENT, reporter
 from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_in, say
 
@@ -95,6 +96,8 @@ def _run(read: str, config: Path, output: Path | None, /, given: Any = None, **o
         from bayesdrill.api.arguments import mode
 
         mode(resume=True, force=True)  # refuses, before the record is read
+    if (options["processes"] or available_processors()) > 1:
+        start_server()  # it loads libraries while this process reads
     case = _read(config, read, **(given or {}))
     with saved_in(case.place(output)), reporter() as report:
         return case.run(output, report=report, **options)

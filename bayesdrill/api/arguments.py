@@ -13,6 +13,7 @@ import numpy as np
 from bayesdrill.basics.arguments import check_arguments as check_arguments
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean, short_repr
+from bayesdrill.basics.processes import available_processors
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.job import Job
@@ -20,7 +21,6 @@ from bayesdrill.output_files import DESIGN, refuse_other_text
 from bayesdrill.record.experiment import check_time
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.sampling.workers import available_processors
 
 if TYPE_CHECKING:
     from bayesdrill.results.run_folder import WriteMode

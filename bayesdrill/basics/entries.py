@@ -26,6 +26,7 @@ class Strict(BaseModel):
     """
 
     model_config = ConfigDict(
+        defer_build=True,  # only processes that read a config need the validators
         extra="forbid",
         strict=True,
         frozen=True,

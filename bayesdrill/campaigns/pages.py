@@ -289,8 +289,8 @@ def campaign_sections(
     badges, verdict = Badges((Badge(badge, tone),)), f"{record.verdict}."
     sections = (
         build("Verdict", badges, verdict, warning if doubts else None),
-        build("Products", products_table(population), Note(TABLE_EXPLAINED), coverage),
         build("Over time", "\n".join(record.history), Picture("runs", CHART, ending, links)),
+        build("Products", products_table(population), Note(TABLE_EXPLAINED), coverage),
         build("Runs that do not belong", _lines(foreign[:MOST_NAMED]), brief=bool(foreign)),
         build("Noted", noted_table(population), brief=False),
         build("Rigs", rigs_table(population), brief=False),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
 import re
 import struct
 from collections.abc import Sequence
@@ -15,20 +16,25 @@ from markupsafe import Markup
 
 import bayesdrill
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.report.scales import DPI, Typesetter, printed
+from bayesdrill.report.scales import DOUBLE, DPI, Typesetter, printed
 from bayesdrill.report.section import WORDS, Picture, Section, items
 
 _PNG_SIZE = slice(16, 24)  # bytes of a PNG file with width and height, big endian
+METRES_PER_INCH = 0.0254
 _SVG_SIZE = re.compile(rb'<svg[^>]*\bwidth="([\d.]+)pt" height="([\d.]+)pt"')
 
 
 @dataclass(frozen=True, slots=True)
 class EmbeddedPicture:
-    """The picture is part of the page, as a data URL with its size in pixels."""
+    """The picture is part of the page, as a data URL with its size in pixels.
+
+    `tenths` of the page's width are the widest that it is shown, so that figures have equal letters.
+    """
 
     url: str
     width: int
     height: int
+    tenths: int
 
 
 def as_html(
@@ -90,14 +96,16 @@ def _embedded(path: Path) -> EmbeddedPicture | None:
     if path.suffix not in (".png", ".svg") or not path.exists():
         return None
     data = path.read_bytes()
+    dpi = DPI
     if path.suffix == ".png":
         kind, width, height = "png", *struct.unpack(">II", data[_PNG_SIZE])
+        if (place := data.find(b"pHYs")) > 0:
+            dpi = round(int.from_bytes(data[place + 4 : place + 8]) * METRES_PER_INCH)
     else:  # as many pixels as a PNG of the same figure has by default
         points = (float(length) for length in _SVG_SIZE.findall(data)[0])
         kind, width, height = "svg+xml", *(round(length / 72 * DPI) for length in points)
-    return EmbeddedPicture(
-        f"data:image/{kind};base64,{base64.b64encode(data).decode()}", width, height
-    )
+    url = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+    return EmbeddedPicture(url, width, height, min(10, math.ceil(10 * width / dpi / DOUBLE)))
 
 
 def after(text: str, known: str) -> str:

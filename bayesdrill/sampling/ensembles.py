@@ -365,8 +365,6 @@ def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> Sampl
     report.update(0.0, "the ensembles go on" if have else "starting the walkers")
     while True:
         under_way.advance_to(goal, tell)
-        if not trail:  # while this process assesses, workers load what they need after sampling
-            under_way.pool.preload(under_way.pool.afterwards)
         theta = _physical(posterior, _stack(under_way.segments, "z", goal))
         measured = chain_length(theta)
         trail.append((goal, measured.n_tau))

@@ -14,27 +14,25 @@ import multiprocessing
 import os
 import pickle
 import signal
-import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
-from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import IO, Any, Concatenate, Self, cast
 
 from threadpoolctl import threadpool_limits
 
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.processes import CONTEXT, PRELOADED, held_signals, start_server
 from bayesdrill.inference import step_error
 from bayesdrill.inference.compression import Compressions, compressed
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import StepSizes
 
-SPAWN = multiprocessing.get_context("spawn")
 TASK_SECONDS = 10.0  # seconds that a worker has to finish its task if the work is stopped
 PIPE = 1 << 15  # bytes that a pipe takes at once; larger arrays are put in a file
 ALIGNED = 64  # alignment of arrays in that file, in bytes
@@ -120,15 +118,10 @@ def _copy_posterior(posterior: Posterior) -> tuple[_Copy, IO[bytes] | None]:
 
 
 class WorkerPool:
-    """A pool, which is a context manager, has workers that share one `posterior`.
+    """A pool, which is a context manager, has workers that share one `posterior`."""
 
-    `afterwards` are modules that are needed after sampling, see `preload`.
-    """
-
-    def __init__(
-        self, posterior: Posterior, processes: int, afterwards: Sequence[str] = ()
-    ) -> None:
-        self.posterior, self.processes, self.afterwards = posterior, processes, afterwards
+    def __init__(self, posterior: Posterior, processes: int) -> None:
+        self.posterior, self.processes = posterior, processes
         self._form = _Form()
         self._pool: ProcessPoolExecutor | None = None
         self._arrays: IO[bytes] | None = None
@@ -157,12 +150,6 @@ class WorkerPool:
     ) -> Future[T]:
         """Submit a function that does not need the posterior of the pool."""
         return self.submit(_call, function, *arguments, **named)
-
-    def preload(self, modules: Sequence[str]) -> None:
-        """Let each worker load modules, which takes long, while this process works alone."""
-        if self._pool is not None and modules:
-            for _ in range(self.processes):
-                self.submit_function(load, modules)
 
     def set_steps(self, steps: Mapping[str, StepSizes]) -> None:
         """Use the posterior with these steps from now on (`inference.step_error`)."""
@@ -201,15 +188,11 @@ def start_workers(
     Each calls `prepare(*arguments)` before its first task.  Raises `InputError` if none can be started.
     """
     try:
+        start_server()
         with held_signals():
-            # The resource tracker survives a run that is killed, and removes its semaphores.  Its
-            # warning would appear on a terminal where the next run has begun.
-            sys.warnoptions.append("ignore:resource_tracker")
-            resource_tracker.ensure_running()
-            sys.warnoptions.pop()
             return ProcessPoolExecutor(
                 max_workers=processes,
-                mp_context=SPAWN,
+                mp_context=CONTEXT,
                 initializer=_start_worker,
                 initargs=(prepare, *arguments),
             )
@@ -233,24 +216,6 @@ def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
             worker.kill()
 
 
-@contextmanager
-def held_signals() -> Iterator[None]:
-    """Block Ctrl-C and SIGHUP in this context, and in processes that are started inside."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def available_processors() -> int:
-    """Return the number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 # A worker process keeps the one posterior that it serves here.
 _WORKER: dict[str, Any] = {}
 
@@ -260,10 +225,11 @@ def _start_worker(prepare: Callable[..., None], *arguments: Any) -> None:
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _exit_soon)
+    if hasattr(signal, "pthread_sigmask"):  # the server was started while signals were held
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     threading.Thread(target=_exit_with_parent, daemon=True).start()
     ONE_THREAD.__enter__()
-    # The package corner works without ArviZ, which takes longer to load than all others together.
-    sys.modules.setdefault("arviz", None)  # type: ignore[arg-type]
+    importlib.import_module(PRELOADED)  # unless it was forked from the server
     atexit.register(os._exit, 0)  # nothing has to be saved or cleaned up
     prepare(*arguments)
 
@@ -285,12 +251,6 @@ def _exit_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
-
-
-def load(modules: Sequence[str]) -> None:
-    """Load modules that are needed soon."""
-    for name in modules:
-        importlib.import_module(name)
 
 
 def _call(_: Posterior, function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -33,7 +34,7 @@ from bayesdrill.sampling.ensembles import Backend, MemoryBackend, SamplingResult
 from bayesdrill.sampling.fit import begin_searches, sample_maxima
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import NoSupportError
-from bayesdrill.sampling.workers import WorkerPool, load
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import find_map, run_entries
 from bayesdrill.tasks.conclusions import (
     SampledRun,
@@ -51,9 +52,6 @@ LOADED_LATE = (
     "arviz_stats.base",
     "bayesdrill.results.arviz_tree",
 )
-# What workers walk with, and draw with.
-WALKED_WITH = ("emcee",)
-DRAWN_WITH = ("corner", "bayesdrill.report.sections.corner")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,8 +119,7 @@ def _run(
     job: Job, folder: Folder, mode: Mode | None, processes: int, report: Reporter, details: Reporter
 ) -> Outcome:
     clock = [time.perf_counter()]
-    drawn_with = DRAWN_WITH if publish.wanted_figures(job.config.output.figures) else ()
-    with WorkerPool(job.problem.posterior, processes, drawn_with) as pool:
+    with WorkerPool(job.problem.posterior, processes) as pool:
         searches = None if mode else begin_searches(pool, find_map.fit_plan(job), report)
         # While others search the MAP, this process looks at what the record can show, and loads
         # what sampling and report will need.
@@ -130,8 +127,8 @@ def _run(
         report.update(0.0, "looking at what the record can show")
         details.say(preflight(job, study))
         if not pool.in_process:
-            pool.preload(WALKED_WITH)
-            load(LOADED_LATE)
+            for module in LOADED_LATE:
+                importlib.import_module(module)
         if searches is not None:
             mode = find_map.end_search(pool, searches, report)
             find_map.write_mode(folder, mode)

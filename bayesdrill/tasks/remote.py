@@ -18,8 +18,9 @@ from typing import Any
 
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.processes import held_signals
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.sampling.workers import ONE_THREAD, held_signals, shut_down, start_workers
+from bayesdrill.sampling.workers import ONE_THREAD, shut_down, start_workers
 
 ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:]+\]|[^/:\s\[\]]+):\d{1,5}")
 PATIENCE = 5.0  # seconds to wait for a scheduler, for a first worker and for an answer of a worker

@@ -111,6 +111,7 @@ def test_a_page_embeds_png_or_svg_and_markdown_links_pdf(
         image, _ = html.all("img")  # and the one that is enlarged
         assert image["src"].startswith(f"data:image/{kind}")
         assert int(image["width"]) == pytest.approx(2 * int(image["height"]), abs=2)
+        assert html.all("figure")[0]["class"] == "tenths-5"  # 3.4 of 7 inches
 
     for_each(
         {

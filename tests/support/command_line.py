@@ -16,6 +16,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+import bayesdrill.cli
 from bayesdrill import output_files
 from bayesdrill.api import arguments as api_arguments
 from bayesdrill.cli import app
@@ -50,7 +51,8 @@ def cli(*arguments: str | Path, program: typer.Typer = app) -> CommandResult:
     before = {number: signal.getsignal(number) for number in STOPPING}
     try:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(api_arguments, "available_processors", lambda: 1)
+            for module in (api_arguments, bayesdrill.cli):
+                patch.setattr(module, "available_processors", lambda: 1)
             patch.setattr(remote, "local_executor", _executor)
             patch.setattr(typer.testing, "_get_command", _command)
             result = CliRunner().invoke(program, [str(argument) for argument in arguments])

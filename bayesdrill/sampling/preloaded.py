@@ -1,0 +1,21 @@
+"""Load what workers search, walk and draw with; only workers and their server import this."""
+
+import gc
+import importlib
+import sys
+
+# Optional parts of corner and emcee, which no worker uses, take longer to load than all others.
+UNUSED = ("arviz", "scipy.stats")
+NEEDED = (
+    "emcee",
+    "corner",
+    "matplotlib.backends.backend_agg",
+    "scipy.linalg",
+    "scipy.optimize",
+    "bayesdrill.report.publish",
+)
+sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]
+for _name in NEEDED:
+    importlib.import_module(_name)
+del sys.modules["scipy.stats"]  # some figures use it
+gc.freeze()  # searches for cycles pass over what is loaded, so that workers share its memory
