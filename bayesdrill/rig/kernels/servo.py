@@ -50,9 +50,7 @@ class ServoLoop:
         acting = voltage if level is None else voltage * level
         return where(closed, acting - wanted, acting)
 
-    def mean_beyond(
-        self, begin: Number, end: Number, closed: Mask, level: Number | None
-    ) -> Number:
+    def mean_beyond(self, begin: Number, end: Number, closed: Mask, level: Number | None) -> Number:
         """Return the mean over a step of what the voltage is beyond the matrix.
 
         The wanted voltage goes from `begin` to `end`, and leaves the range in which it began on the way.

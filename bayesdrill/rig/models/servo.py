@@ -7,8 +7,8 @@
 The rig's `A` and `B` are those of the linear closed loop.  With the parameter `duty` at zero the loop
 is open, and the column `name` of `B` is what one volt more does to the state `row`.
 
-A supply that is measured is an input. The matrix of the closed loop has its usual value, and all voltages
-are those at this value, times the `level`: the supply over its usual value.
+A supply that is measured is an input.  The matrix of the closed loop has its usual value, and a voltage
+is the one at this value times the `level`, which is the supply over its usual value.
 
 A firmware that limits the speed of its goal follows a reference, which moves towards the goal at most
 at the parameter `speed`.  It depends on the goal alone, and is the `goal` of the equations above.
