@@ -109,14 +109,14 @@ def _drives(value: Any) -> Any:
 def _drive(name: str, entry: Any) -> Drive:
     if not isinstance(entry, Mapping):
         return Drive(name, str(entry))
-    (kind, supply), *more = entry.items() or [("", None)]
+    supply: Any = entry.get("servo") if len(entry) == 1 else None
     is_number = isinstance(supply, int | float) and not isinstance(supply, bool)
-    if more or kind != "servo" or not is_number or not 1e-6 <= supply <= 1e6:
+    if not is_number or not 1e-6 <= supply <= 1e6:
         raise ValueError(
             f"{name} has the drive {short_repr(dict(entry))}; write `servo` or, if its supply is "
             "measured, its usual value in V: `{servo: 12}`"
         )
-    return Drive(name, kind, float(supply))
+    return Drive(name, "servo", float(supply))
 
 
 def _schema(entry: Mapping[str, Any]) -> WithJsonSchema:
