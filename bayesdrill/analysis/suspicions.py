@@ -191,7 +191,10 @@ def find_reference(
                 continue
             if not shares[observation.label, channel.name] > MIN_LEFT:
                 continue
+            goals = {motor.goal for motor in problem.model.roles.motors}
             for name, u in experiment.series.items():
+                if name in goals:  # the model has the loop that follows it
+                    continue
                 lags = range(min(MAX_FOLLOWING, len(u) // 2))
                 if max(_slope(u[: len(u) - k], y[k:])[1] for k in lags) > MIN_FOLLOWED:
                     return name, channel.name

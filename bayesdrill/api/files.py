@@ -29,9 +29,10 @@ if TYPE_CHECKING:
 PACKAGE = Path(__file__).parents[1]
 FILES = (
     *("nominal_step.yaml", "example_rig.yaml", "example_ties.yaml", "example_experiments.yaml"),
-    *("example_torque.yaml", "schema.json"),
+    *("example_torque.yaml", "example_servo.yaml", "schema.json"),
     *(f"records/{name}.csv" for name in ("nominal_step", "example_rig", "example_ties")),
     *(f"records/{name}.csv" for name in ("example_step", "example_rundown", "example_torque")),
+    "records/example_servo.csv",
     *("campaign/base.yaml", "campaign/shaft.yaml", "campaign/runs/runs.csv"),
     *("campaign/runs/truth.csv", *(f"campaign/runs/run_{k:02d}.csv" for k in range(1, 13))),
 )

@@ -99,6 +99,20 @@ _COMMON = {kind: (kind, 1.0) for kind in _KINDS} | {
 }
 
 
+_UNIT_OF_HEAD = re.compile(r".*(?:[\[(]\s*([A-Za-z*/]+)\s*[\])]|[\s_/]([A-Za-z*/]{2,}))\s*")
+
+
+def other_unit(head: str, unit: str) -> str:
+    """Return the unit with which a head ends, if it is another one of the same quantity as `unit`.
+
+    Heads are such as `w [rpm]`, `w (rpm)`, `w_rpm` and `w / rpm`.  Only common units are known.
+    """
+    match = _UNIT_OF_HEAD.fullmatch(head)
+    said = next(filter(None, match.groups()), "") if match else ""
+    written, meant = _COMMON.get(said) or _COMMON.get(said.lower()), _COMMON.get(unit)
+    return said if written and meant and written[0] == meant[0] and written != meant else ""
+
+
 # Coherent SI units for display; a unit of another kind is shown as a product of kg, m, s and A.
 _COHERENT = (
     "m", "m**2", "m**3", "kg", "s", "N", "Pa", "N*m", "W", "A", "V", "ohm", "H", "rad/s", "kg/m**3",

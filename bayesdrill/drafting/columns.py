@@ -280,7 +280,7 @@ _NAMES = {**STATES, "v": ("voltage", ""), "t_1": ("torque", ROTOR), "t_m": ("tor
 
 
 # A symbol of a train has a letter for the quantity and the name of a part.
-_TRAIN_SYMBOL = re.compile(r"(theta|goal|w|x|v|i|u|t|f)_([A-Za-z][A-Za-z0-9_]{0,29})")
+_TRAIN_SYMBOL = re.compile(r"(theta|goal|supply|w|x|v|i|u|t|f)_([A-Za-z][A-Za-z0-9_]{0,29})")
 KIND_OF_LETTER = {
     "goal": "angle",  # of a servo; an angle that is measured is called theta
     "theta": "angle",
@@ -288,6 +288,7 @@ KIND_OF_LETTER = {
     "x": "position",
     "v": "velocity",
     "i": "current",
+    "supply": "voltage",  # of a servo
     "u": "voltage",
     "t": "torque",
     "f": "force",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -308,7 +308,8 @@ def guess(
     values: Mapping[str, Any] = {} if sheet is None else sheet.data
     text = config_text(context, name, values)
     asks, problem = _asks(text, target, paths[0], sheet)
-    if findings := _findings(problem, describe):
+    voltage = () if given.voltage is None else ("v",)
+    if findings := _findings(problem, describe, {"", *lead.roles.inputs, *voltage}):
         text = config_text(context, name, values, findings)
     channels = tuple(channel.name for channel in context.channels)
     labels = tuple(record.label for record in records if record.label)
@@ -317,14 +318,19 @@ def guess(
 
 
 def _findings(
-    problem: Problem, describe: Callable[[Iterable[Finding]], Sequence[str]]
+    problem: Problem,
+    describe: Callable[[Iterable[Finding]], Sequence[str]],
+    inputs: Collection[str],
 ) -> tuple[str, ...]:
-    """Return sentences on the records before any model, with the experiments that each is of."""
+    """Return sentences on the records before any model, with the experiments that each is of.
+
+    Findings on inputs that nobody gave, for which a number stands in, are left out.
+    """
     said: dict[str, list[str]] = {}
     for observation in problem.observations:
         free = problem.posterior.space.free
         findings = findings_of_record(observation.experiment, problem.model, free)
-        for sentence in describe(findings):
+        for sentence in describe([f for f in findings if f.names.get("input", "") in inputs]):
             said.setdefault(sentence, []).append(observation.label)
     return tuple(f"{', '.join(labels)}, {s}" if labels[0] else s for s, labels in said.items())
 

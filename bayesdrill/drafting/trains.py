@@ -1,8 +1,8 @@
 """Describe a train by its columns: an inertia for each angle, shafts between them, drives.
 
 Columns have the symbols of the train: `theta_motor`, `w_load`, `x_cart`, `v_cart`, and for inputs
-`i_motor`, `u_motor`, `t_motor`, `f_cart`, and `goal_motor` of a servo. A record with several angles
-and a current is one of a train even if nobody names its columns.
+`i_motor`, `u_motor`, `t_motor`, `f_cart`, and of a servo `goal_motor` and `supply_motor`. A record
+with several angles and a current is one of a train even if nobody names its columns.
 """
 
 from __future__ import annotations
@@ -11,6 +11,9 @@ import itertools
 import re
 from collections import Counter
 from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 
 from bayesdrill.drafting.columns import GEARBOX, KIND_OF_LETTER, MOTIONS, MOTOR, ROTOR, train_symbol
 from bayesdrill.drafting.roles import DraftChannel, SensorRoles, add_channel, mark_differenced
@@ -36,16 +39,15 @@ def _symbol(sensor: Sensor) -> re.Match[str] | None:
     return train_symbol(sensor.column.meaning.symbol)
 
 
-def _is_goal(sensor: Sensor) -> bool:
-    """Return whether a sensor is called the goal of a servo."""
+def _is_called(letter: str, sensor: Sensor) -> bool:
+    """Return whether a sensor is called a `goal` or a `supply` of a servo."""
     match = _symbol(sensor)
-    return match is not None and match[1] == "goal"
+    return match is not None and match[1] == letter
 
 
 def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
     """Assign sensors to the channels and inputs of a train that they describe."""
-    goals = [sensor for sensor in sensors if _is_goal(sensor)]
-    moving = [s for s in sensors if s.kind in MOTIONS and not _is_goal(s)]
+    moving = [s for s in sensors if s.kind in MOTIONS and not _is_called("goal", s)]
     names = _names(moving)
     inertias = [*dict.fromkeys(names[id(sensor)] for sensor in moving)]
     unused: dict[str, str] = {}
@@ -54,7 +56,7 @@ def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
         name = f"{LETTERS[sensor.kind]}_{names[id(sensor)]}"
         measures = f"-{name}" if sensor.column.meaning.is_reversed else ""
         add_channel(channels, DraftChannel(name, measures, sensor), unused)
-    inputs, drives = _inputs(sensors, goals, inertias, channels, unused)
+    inputs, drives = _inputs(sensors, inertias, channels, unused)
     inertias = [*dict.fromkeys((*inertias, *drives))]
     letters = (("theta", "w"), ("x", "v"))
     mark_differenced(channels, dt, [(f"{a}_{n}", f"{w}_{n}") for n in inertias for a, w in letters])
@@ -94,19 +96,23 @@ def _names(moving: Sequence[Sensor]) -> dict[int, str]:
 
 def _inputs(
     sensors: Sequence[Sensor],
-    goals: Sequence[Sensor],
     inertias: Sequence[str],
     channels: dict[str, DraftChannel],
     unused: dict[str, str],
-) -> tuple[dict[str, Sensor], dict[str, str]]:
+) -> tuple[dict[str, Sensor], dict[str, Any]]:
     """Return measured inputs, and the drive of each inertia; a current is a channel beside a voltage."""
     inputs: dict[str, Sensor] = {}
-    drives: dict[str, str] = {}
-    for sensor in goals:
-        at = sensor.column.meaning.symbol.removeprefix("goal_")
-        drives[at], inputs[f"goal_{at}"] = "servo", sensor
+    drives: dict[str, Any] = {}
+    for letter, sensor in itertools.product(("goal", "supply"), sensors):
+        if _is_called(letter, sensor):
+            name = sensor.column.meaning.symbol
+            usual = round(float(np.median(sensor.si)), 2)
+            drives[name.removeprefix(f"{letter}_")] = (
+                "servo" if letter == "goal" else {"servo": usual}
+            )
+            inputs[name] = sensor
     order = [*DRIVES]
-    driving = [sensor for sensor in sensors if sensor.kind in DRIVES]
+    driving = [s for s in sensors if s.kind in DRIVES and not _is_called("supply", s)]
     for sensor in sorted(driving, key=lambda s: (s.kind == "current", order.index(s.kind))):
         letter, kind = LETTERS[sensor.kind], DRIVES[sensor.kind]
         match = _symbol(sensor)
@@ -129,7 +135,7 @@ def model_lines(train: Train) -> list[str]:
         lines.append(f"  motion: {train.motion}")
     lines.append(f"  inertias: [{', '.join(train.inertias)}]")
     shafts = ", ".join(f"{shaft.name}: [{', '.join(shaft.ends)}]" for shaft in train.shafts)
-    drives = ", ".join(f"{drive.inertia}: {drive.kind}" for drive in train.drives)
+    drives = ", ".join(f"{d.inertia}: {d.entry}" for d in train.drives).replace("'", "")
     lines += [f"  shafts: {{{shafts}}}"] if shafts else []
     return lines + ([f"  drives: {{{drives}}}"] if drives else [])
 

@@ -103,7 +103,9 @@ def _motion(observation: Observation) -> Callable[[Array], Array] | None:
         if (servo := model.saturation) is not None:
             acting[servo.goal] = servo.reference(p, t[:-1], inputs[servo.goal])
             wanted = servo.wanted(model.linear, p, acting)
-            acting[servo.name] = servo.voltage(p, wanted) - wanted
+            level = servo.level(acting)
+            voltage = servo.voltage(p, wanted)
+            acting[servo.name] = (voltage if level is None else level * voltage) - wanted
         linear = model.linear(p)
         rates: dict[str, Any] = dict(linear.c)
         for (row, name), factor in (*linear.A.items(), *linear.B.items()):

@@ -25,6 +25,7 @@ from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.rig.simulators import COMPRESSED_FROM
 
 HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
+FAR_FROM_FITTING = -100.0  # log density for each number of a record, below which nothing fits yet
 
 
 def record_columns(problem: Problem, case: ResolvedCase) -> str:
@@ -166,6 +167,10 @@ def preview(problem: Problem, config: Config) -> str:
     """Describe the priors, the search and the sampling of a config, and what is doubtful."""
     posterior, sampler, units = problem.posterior, config.sampler, problem.units
     start = posterior.space.vector(posterior.space.start)
+    density = float(posterior.density(start[None])[0])
+    is_far = density < FAR_FROM_FITTING * _numbers(problem)
+    far = ". The start is far from fitting, as usual; `bayesdrill map` finds where it fits"
+    far = far if is_far else ""
     priors = "\n".join(
         f"  {symbol.name}{f' [{symbol.plain_unit}]' if symbol.unit not in ('', '1') else ''}: "
         f"{units.prior(symbol.name, prior).describe()}"
@@ -188,7 +193,7 @@ def preview(problem: Problem, config: Config) -> str:
     )
     return (
         f"priors:\n{priors}\n"
-        f"log posterior at the start: {posterior.density(start[None])[0]:.2f}{_misfit(problem)}\n"
+        f"log posterior at the start: {density:.2f}{_misfit(problem)}{far}\n"
         f"would run: {count_noun(config.map.starts, 'search', 'searches')} by {config.map.method}, then "
         f"{sampler.ensembles} ensembles of {sampler.walkers} walkers for at most {sampler.max_steps} "
         f"steps. They end when R-hat <= {sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and "

@@ -18,6 +18,27 @@ def test_text_beside_a_unit_is_refused(unit: str) -> None:
         units.factor(unit, "m")
 
 
+@run_cases(
+    "head, unit, said",
+    [
+        ("w [rpm]", "rad/s", "rpm"),
+        ("motor_speed_rpm", "rad/s", "rpm"),
+        ("theta (deg)", "rad", "deg"),
+        ("angle / RAD", "deg", "RAD"),
+        ("i [mA]", "A", "mA"),
+        ("w [rpm]", "rpm", ""),
+        ("w [rpm]", "rad", ""),
+        ("theta_m", "mm", ""),
+        ("speed", "rad/s", ""),
+        ("3", "rad", ""),
+    ],
+)
+def test_a_head_with_another_unit_of_the_same_quantity_is_seen(
+    head: str, unit: str, said: str
+) -> None:
+    assert units.other_unit(head, unit) == said
+
+
 @run_cases("unit", units._COMMON)
 def test_common_units_are_what_pint_says_and_refused_as_it_refuses(unit: str) -> None:
     """A blank before a unit is nothing to pint, and no common unit."""

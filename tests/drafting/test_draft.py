@@ -398,6 +398,9 @@ def test_screw_drives_in_exports_of_their_controller(tmp_path: Path) -> None:
     changed = folder / "drive3" / "steady_2.csv"
     fault = "line 15: column 'Torque actual value averaged': '-800,,was -11.1'"
     assert fault in refusal(changed)
+    asked = draft_of(folder / "drive1" / "steady_10.csv", config=tmp_path / "v.yaml")
+    assert "inputs.v: this entry is missing" in asked["said"]
+    assert "goes against" not in asked["said"]
     names = "1=t [ms]", "2=w_2 [rpm]", "3=t_m [% of 9.84 mN*m]"
     for path in sorted({*folder.rglob("*.csv")} - {changed})[::4]:
         draft_of(path, *names, config=tmp_path / "s.yaml", rig="motor")

@@ -3,7 +3,7 @@
 Nothing of the package is used.  Of one inertia, before any gear, with u piecewise constant:
 
     j w' = (k/r) (voltage - k_e w) + torque - g sin(theta) - c w - friction
-    voltage = supply clip(dead_zone(s, k_p gain band), +-limit)
+    voltage = supply(t) clip(dead_zone(s, k_p gain band), +-limit)
     s = k_p gain (goal - theta) - k_d gain w
 
 Friction, of which c is a part, has numbers for each direction: `{"c": (forward, backward), ...}`.
@@ -36,7 +36,7 @@ class Servo:
     t_c: Pair = (0.0, 0.0)
     t_s: Pair | None = None
     w_s: float = 1.0
-    supply: float = 0.0
+    supply: Callable[[float], float] = field(default=lambda _: 0.0)
     k_p: float = 1.0
     k_d: float = 0.0
     gain: float = 0.0
@@ -64,19 +64,20 @@ class Servo:
         ends += [dead] if dead else []
         return sorted([*ends, *(-end for end in ends)])
 
-    def volts(self, s: float, region: int) -> float:
+    def duty(self, s: float, region: int) -> float:
         dead = self.k_p * self.gain * self.band
         middle = len(self.edges) / 2
         sign = 1.0 if region > middle else -1.0
         if dead and region == middle:
             return 0.0
         if self.limit < math.inf and region in (0, len(self.edges)):
-            return sign * self.supply * self.limit
-        return self.supply * (s - (sign * dead if dead else 0.0))
+            return sign * self.limit
+        return s - (sign * dead if dead else 0.0)
 
     def push(self, t: float, x: np.ndarray, region: int) -> float:
         """All that acts on the inertia but friction."""
-        volts = self.volts(self.wanted(t, x), region) if self.gain else 0.0
+        duty = self.duty(self.wanted(t, x), region) if self.gain else 0.0
+        volts = self.supply(t) * duty
         motor = self.k / self.r * (volts - self.k_e * x[1])
         return motor + self.torque(t) - self.g * math.sin(x[0])
 

@@ -53,6 +53,15 @@ def test_tied_parameters_are_listed() -> None:
     assert "tied: k_T = k_e, k_s = pi * G * d ** 4 / (32 * L)" in out
 
 
+def test_a_start_that_is_far_from_fitting_is_said_to_be_usual() -> None:
+    """Also of a servo on a measured supply, of which it says how often it saturates."""
+    configs, usual = command_line.ROOT / "configs", "The start is far from fitting, as usual"
+    out = checked(configs / "example_servo.yaml")
+    assert usual in out
+    assert "servo: the horn saturates in" in out
+    assert usual not in checked(configs / "nominal_step.yaml")
+
+
 # --- the record ----------------------------------------------------------------------------------
 
 

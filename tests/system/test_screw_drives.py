@@ -1,6 +1,6 @@
-"""A lead screw at constant speeds of both signs: its friction differs by the way it turns.
+"""Screws at constant speeds of both signs: their friction differs by the way they turn.
 
-Torques of a real drive (Mablekos-Alexiou and others, IEEE T-RO 37, 2021), block after block.
+Torques of real drives (Mablekos-Alexiou and others, IEEE T-RO 37, 2021), block after block.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.case_tables import run_cases
 from support.first_configs import shared
 from support.unexplained_records import causes_of, try_only
 
@@ -18,7 +19,7 @@ import bayesdrill as bd
 from bayesdrill.report.sections.causes import describe_causes
 
 RATED = 9.84e-3  # N m at 100 %
-SPEEDS = ("10", "20", "50", "100", "200", "n10", "n20", "n50", "n100", "n200", "2", "n2")
+SPEEDS = ("10", "20", "50", "100", "200", "n10", "n20", "n50", "n100", "n200")
 PRIOR = {"prior": "log_uniform", "low": 1e-4, "high": 1e-1}
 
 
@@ -54,14 +55,16 @@ def screw(made: list[tuple[float, np.ndarray]], **more: Any) -> bd.Case:
     )  # fmt: skip
 
 
-def test_friction_forwards_and_backwards_is_that_of_the_means() -> None:
-    made = blocks(shared("cases/ucl_screw_drives/drive1"))
+@run_cases("drive, ratio", [("drive1", 0.79), ("drive2", 0.96), ("drive3", 0.52)])
+def test_friction_forwards_and_backwards_is_that_of_the_means(drive: str, ratio: float) -> None:
+    """A lead screw, one against backlash, and a worm, whose payload helps it one way."""
+    made = blocks(shared(f"cases/ucl_screw_drives/{drive}"))
     found = screw(made, t_c_screw_backward=PRIOR).find_map(quick=True).values
     for name, way in (("t_c_screw", 1), ("t_c_screw_backward", -1)):
         each = [(abs(w), abs(torque.mean())) for w, torque in made if w * way > 0]
         model = np.mean([found[name] + found["c_screw"] * w for w, _ in each])
         assert model == pytest.approx(np.mean([torque for _, torque in each]), rel=0.05)
-    assert found["t_c_screw_backward"] < 0.85 * found["t_c_screw"]
+    assert found["t_c_screw_backward"] / found["t_c_screw"] == pytest.approx(ratio, abs=0.02)
 
 
 def test_an_offset_of_the_torque_is_not_told_from_friction_that_differs_by_direction(

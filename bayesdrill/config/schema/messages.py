@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import typing
 from collections.abc import Mapping
 from typing import Any
@@ -14,6 +15,8 @@ from bayesdrill.config.schema.numbers import PriorSpec, families_of
 from bayesdrill.config.schema.validation import EntryError
 from bayesdrill.config.yaml_source import Location
 from bayesdrill.inference.priors import PRIORS
+from bayesdrill.rig.models.drive_parts import NAME, Drive
+from bayesdrill.rig.models.train import BACKWARD, Train
 
 
 def message_of(error: EntryError, location: Location) -> str:
@@ -26,8 +29,11 @@ def message_of(error: EntryError, location: Location) -> str:
                 return f"unknown {word}; if a decimal comma made it, write a point"
             if "<tie>" in error["loc"]:
                 return "a tied parameter has nothing else; remove this entry, or the tie"
-            near = did_you_mean(str(location[-1]), _keys_at(error))
-            return f"unknown {word}{near}"
+            name = str(location[-1])
+            near = did_you_mean(name, _keys_at(error))
+            other = "" if error.get("is_train", True) else _train_of(name)
+            near = "" if other and near.startswith("; known") else near
+            return f"unknown {word}{near}{other}".replace("?; ", "? ")
         case "missing":
             return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
         case "union_tag_not_found":
@@ -105,6 +111,18 @@ def _hint(value: Any) -> str:
             return f"; leave out the unit (SI), or {other}"
     if isinstance(value, bool) or value is None:
         return "; write the value itself"
+    return ""
+
+
+def _train_of(name: str) -> str:
+    """Return which model has a symbol of a train, such as `goal_motor`; empty for other names."""
+    *_, part = name.removesuffix(BACKWARD).split("_")
+    if len(part) < 3 or not re.fullmatch(NAME, part):
+        return ""
+    for kind in ("torque", "current", "voltage", "servo"):
+        if name in Train(inertias=(part,), drives=(Drive(part, kind),), gravity=(part,)).symbols:
+            model = f"{{name: train, inertias: [{part}], drives: {{{part}: {kind}}}}}"
+            return f"; {name} is a symbol of a train: `model: {model}`"
     return ""
 
 

@@ -27,7 +27,7 @@ from bayesdrill.config.schema.config import (
     Tolerances,
 )
 from bayesdrill.config.schema.records import DELAY, AngleColumn, Initial, Inputs, InputSpec
-from bayesdrill.config.schema.vocabulary import Vocabulary
+from bayesdrill.config.schema.vocabulary import HOUSE, Vocabulary
 
 Place = tuple[str, ...]
 EntryError = dict[str, Any]  # as pydantic describes it; see `read_entry`
@@ -156,7 +156,7 @@ def _with_named_entries(
             value, wrong = read_entry(entries[name], value, inner)
         elif name not in others:
             unknown = {"type": "extra_forbidden", "loc": inner, "input": value}
-            wrong = [{**unknown, "known": [*entries, *others]}]
+            wrong = [{**unknown, "known": [*entries, *others], "is_train": words is not HOUSE}]
         elif inner in SECTIONS:
             value = _with_named_entries(inner, value, words, errors)
         errors += wrong

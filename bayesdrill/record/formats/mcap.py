@@ -12,6 +12,7 @@ from bayesdrill.record.formats.arrays import CUT_SHORT
 from bayesdrill.record.formats.samples import Samples, merged_table
 from bayesdrill.record.formats.table import RecordTable, missing_package, read_bytes
 
+CONVERSION = 'convert it by the two lines "MCAP with ROS 2 messages" of docs/record.md'
 _MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -29,7 +30,7 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
             first = message.log_time if first is None else first
             if channel.message_encoding != "json":
                 encoding = f"has messages encoded as {channel.message_encoding}, not as JSON"
-                ignored[channel.topic] = f"{encoding}; convert it, see docs/record.md"
+                ignored[channel.topic] = f"{encoding}; {CONVERSION}"
                 continue
             for name, value in _leaves(channel.topic, json.loads(message.data)):
                 signals.add(name, 1e-9 * (message.log_time - first), value)

@@ -73,7 +73,9 @@ def merged_table(
     """Return the `wanted` signals at the union of their times [s], and NaN at the times of others."""
     signals = samples.arrays(wanted)
     if not samples.names:
-        raise InputError.at(str(path), "holds no numbers; record again, or name another file")
+        refusal = next((f", and {name} {why}" for name, why in ignored.items()), "")
+        way_out = refusal or "; record again, or name another file"
+        raise InputError.at(str(path), f"holds no numbers that can be read{way_out}")
     union = _union([t for t, _ in signals.values()])
     if 8.0 * len(union) * (len(signals) + 1) > LARGEST_FILE:
         size = f"has {len(signals)} signals at {len(union)} times, too many for one table"

@@ -193,10 +193,12 @@ def _neighbour(path: Path) -> str:
     """Return a similar file name in the folder, or what is wrong with the folder."""
     if not path.parent.is_dir():
         return f": the folder {path.parent} does not exist"
-    near = did_you_mean(path.name, (other.name for other in path.parent.iterdir()))
+    others = (other.name for other in path.parent.iterdir() if other.suffix not in CONFIGS)
+    near = did_you_mean(path.name, others)
     return near if near.startswith("; did") else "; check the name and the folder"
 
 
+CONFIGS = (".yaml", ".yml")  # endings of files that are no records
 _MAGIC = {
     b"PK\x03\x04": "is a spreadsheet or zip archive; export it as CSV",
     b"MATLAB": "is a MATLAB file; give it the ending .mat, or write format: mat",

@@ -3,7 +3,8 @@
 In each lane a step has the matrix of the closed loop or that of the open one, as the wanted voltage at
 its beginning says; either is exact.  The passage from one to the other is not located in time: in a step
 with it the voltage at the end differs from the one that the matrix has, by a part that grows from zero
-along a straight line.  Its mean acts over the whole step, which leaves an error of second order.
+along a straight line.  Its mean acts over the whole step, which leaves an error of second order.  So
+does a measured supply, whose difference from the usual one acts by the mean of begin and end.
 """
 
 from __future__ import annotations
@@ -43,19 +44,25 @@ class ServoLoop:
         mask: Mask = self.law.is_linear(self.parameters, wanted)
         return mask
 
-    def beyond_matrix(self, wanted: Number, closed: Mask) -> Number:
+    def beyond_matrix(self, wanted: Number, closed: Mask, level: Number | None = None) -> Number:
         """Return the voltage less the one that the matrix of the loop has."""
         voltage = self.law.voltage(self.parameters, wanted)
-        return where(closed, voltage - wanted, voltage)
+        acting = voltage if level is None else voltage * level
+        return where(closed, acting - wanted, acting)
 
-    def mean_correction(self, begin: Number, end: Number, closed: Mask, acting: Number) -> Number:
-        """Return the mean over a step of what the voltage is beyond `acting` and the matrix.
+    def mean_beyond(self, begin: Number, end: Number, closed: Mask, level: Number | None) -> Number:
+        """Return the mean over a step of what the voltage is beyond the matrix.
 
         The wanted voltage goes from `begin` to `end`, and leaves the range in which it began on the way.
         """
-        missing = self.beyond_matrix(end, closed) - acting
+        first = self.beyond_matrix(begin, closed)
+        missing = self.beyond_matrix(end, closed) - first
         share = size(missing) / (size(end - begin) + NO_CHANGE)
-        return missing * share * 0.5
+        mean = first + missing * share * 0.5
+        if level is None:
+            return mean
+        volts = [self.law.voltage(self.parameters, wanted) for wanted in (begin, end)]
+        return mean + (volts[0] + volts[1]) * (level - 1.0) * 0.5
 
 
 def merged_step(closed: Mask, first: Step, second: Step) -> Step:

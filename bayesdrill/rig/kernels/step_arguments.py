@@ -100,9 +100,10 @@ class SteppedShape:
         if (servo := self.model.saturation) is not None:
             opened = self.model.parameters.index(servo.duty)
             # Each law at any number, so that another law is another text.
-            x, y = named[servo.row], named[servo.supply]
+            x, y = named[servo.row], named[servo.goal if servo.usual_supply else servo.supply]
             described += [index(servo.row), opened, servo.voltage(named, x)]
             described.append(where(servo.is_linear(named, x), x, 0.0))
+            described.append(servo.level(named))
             if servo.speed:
                 speed = self.model.parameters.index(servo.speed)
                 described += [speed, *servo.moved(named, named[servo.duty], x, y)]

@@ -196,9 +196,8 @@ class Writer:
             ahead = step.frictionless(now.state, now.drive)
         begin = servo.wanted(now.state, now.drive)
         end = servo.wanted(ahead, step.drive_after(now.drive, step.span))
-        acting = now.drive[servo.column]
-        more = servo.mean_correction(begin, end, self.closed, acting)
-        return replace(now, drive={**now.drive, servo.column: acting + more})
+        mean = servo.mean_beyond(begin, end, self.closed, servo.law.level(now.inputs))
+        return replace(now, drive={**now.drive, servo.column: mean})
 
     def _step(self, e: ir.Value, span: Vector, *, opened: bool = False) -> Step:
         shape, x, s = self.shape, self.x_count, len(self.shape.series)
@@ -269,7 +268,8 @@ class Writer:
         if self.servo:
             wanted = self.servo.wanted(state, drive)
             closed = self.servo.is_closed(wanted)
-            drive[self.servo.column] = self.servo.beyond_matrix(wanted, closed)
+            level = self.servo.law.level(middle)
+            drive[self.servo.column] = self.servo.beyond_matrix(wanted, closed, level)
         return drive, middle
 
     @property

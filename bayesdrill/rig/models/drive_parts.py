@@ -36,10 +36,19 @@ class Gear:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A drive is what moves an inertia: one of the `DRIVES`."""
+    """A drive is what moves an inertia: one of the `DRIVES`.
+
+    `supply` [V] is the usual one of a servo whose supply is measured, and zero otherwise.
+    """
 
     inertia: str
     kind: str
+    supply: float = 0.0
+
+    @property
+    def entry(self) -> Any:
+        """Return what a config says of it."""
+        return {self.kind: self.supply} if self.supply else self.kind
 
 
 def _ends(name: str, value: Any) -> tuple[str, str]:
@@ -66,6 +75,8 @@ def _by_name(value: Any, kind: type, example: str, make: Callable[[str, Any], An
 
 def _entry(part: Any) -> tuple[Any, Any]:
     """Return the name of a part, and its entry in a config."""
+    if isinstance(part, Drive):
+        return part.inertia, part.entry
     name, first, *ratio = dataclasses.astuple(part)
     return name, {"between": first, "ratio": ratio[0]} if ratio else first
 
@@ -92,7 +103,20 @@ def _gear(name: str, entry: Any) -> Gear:
 
 
 def _drives(value: Any) -> Any:
-    return _by_name(value, Drive, "motor: current", lambda name, kind: Drive(name, str(kind)))
+    return _by_name(value, Drive, "motor: current", _drive)
+
+
+def _drive(name: str, entry: Any) -> Drive:
+    if not isinstance(entry, Mapping):
+        return Drive(name, str(entry))
+    supply: Any = entry.get("servo") if len(entry) == 1 else None
+    is_number = isinstance(supply, int | float) and not isinstance(supply, bool)
+    if not is_number or not 1e-6 <= supply <= 1e6:
+        raise ValueError(
+            f"{name} has the drive {short_repr(dict(entry))}; write `servo` or, if its supply is "
+            "measured, its usual value in V: `{servo: 12}`"
+        )
+    return Drive(name, "servo", float(supply))
 
 
 def _schema(entry: Mapping[str, Any]) -> WithJsonSchema:
@@ -104,6 +128,12 @@ _GEAR = {
     "type": "object",
     "properties": {"between": _PAIR, "ratio": {"type": "number"}},
     "required": ["between", "ratio"],
+    "additionalProperties": False,
+}
+_SERVO = {
+    "type": "object",
+    "properties": {"servo": {"type": "number", "description": "Usual supply in V; an input."}},
+    "required": ["servo"],
     "additionalProperties": False,
 }
 Names = Annotated[
@@ -132,8 +162,8 @@ Gears = Annotated[
 Drives = Annotated[
     tuple[Drive, ...],
     BeforeValidator(_drives),
-    PlainSerializer(lambda drives: {d.inertia: d.kind for d in drives}),
-    _schema({"enum": [*DRIVES]}),
+    PlainSerializer(lambda drives: {d.inertia: d.entry for d in drives}),
+    _schema({"anyOf": [{"enum": [*DRIVES]}, _SERVO]}),
     Field(max_length=MAX_PARTS, description="By inertia what moves it."),
 ]
 Motion = Annotated[Literal["rotary", "linear"], Field(description="Angles, or positions.")]

@@ -226,27 +226,28 @@ class _Parts:
         if not motor.goal:
             yield row, motor.voltage, volt
             return
-        turned = volt * p[motor.supply] * p[motor.duty]
+        turned = volt * (motor.usual_supply or p[motor.supply]) * p[motor.duty]
         error = turned * p[motor.proportional] if self._has(motor.proportional) else turned
         yield row, motor.goal, error
         yield row, inertia.angle, -error / inertia.reduction
         if self._has(motor.derivative):
             yield row, inertia.speed, -turned * p[motor.derivative] / inertia.reduction
-        if motor.limits & self.names:
+        if motor.is_limited(self.names):
             yield row, f"servo_{motor.inertia}", volt
 
     # Gravity, frictions and servos.
 
     def saturations(self) -> Iterator[Saturation]:
-        """Yield the servos with a limit, a dead band or a goal of limited speed."""
+        """Yield the servos that are more than a linear closed loop."""
         for motor in self.roles.motors:
-            if motor.limits & self.names:
+            if motor.is_limited(self.names):
                 turns = self.roles.inertia(motor.inertia).speed
                 yield Saturation(
                     name=f"servo_{motor.inertia}",
                     row=motor.current if motor.current in self.states else turns,
                     duty=motor.duty,
                     supply=motor.supply,
+                    usual_supply=motor.usual_supply,
                     goal=motor.goal,
                     proportional=motor.proportional if self._has(motor.proportional) else "",
                     limit=motor.limit if self._has(motor.limit) else "",

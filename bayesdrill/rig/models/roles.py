@@ -116,7 +116,8 @@ class MotorRoles:
 
     `current` and `voltage` are each a state or an input. `series` is a second resistance. `drop` is
     a voltage that opposes the current, and `effort` its symbol. A servo has the input `goal` in place
-    of a voltage, and its numbers are those of `models.servo`.
+    of a voltage, and its numbers are those of `models.servo`. `supply` is an input if `usual_supply`
+    [V] is not zero.
     """
 
     inertia: str
@@ -132,6 +133,7 @@ class MotorRoles:
     effort: Symbol | None = None
     goal: str = ""
     supply: str = ""
+    usual_supply: float = 0.0
     duty: str = ""
     proportional: str = ""
     derivative: str = ""
@@ -139,10 +141,10 @@ class MotorRoles:
     band: str = ""
     goal_speed: str = ""
 
-    @property
-    def limits(self) -> frozenset[str]:
-        """Return the names of parameters with which a servo is more than a linear closed loop."""
-        return frozenset({self.limit, self.band, self.goal_speed} - {""})
+    def is_limited(self, names: Collection[str]) -> bool:
+        """Return whether a servo with parameters of these names is more than a linear closed loop."""
+        limits = {self.limit, self.band, self.goal_speed} - {""}
+        return self.usual_supply > 0.0 or not limits.isdisjoint(names)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

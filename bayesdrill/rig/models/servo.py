@@ -7,6 +7,9 @@
 The rig's `A` and `B` are those of the linear closed loop.  With the parameter `duty` at zero the loop
 is open, and the column `name` of `B` is what one volt more does to the state `row`.
 
+A supply that is measured is an input.  The matrix of the closed loop has its usual value, and a voltage
+is the one at this value times the `level`, which is the supply over its usual value.
+
 A firmware that limits the speed of its goal follows a reference, which moves towards the goal at most
 at the parameter `speed`.  It depends on the goal alone, and is the `goal` of the equations above.
 """
@@ -33,20 +36,25 @@ class Saturation:
     duty: str
     supply: str
     goal: str
+    usual_supply: float = 0.0
     proportional: str = ""
     limit: str = ""
     band: str = ""
     speed: str = ""
 
+    def level(self, inputs: Mapping[str, Any]) -> Any:
+        """Return the supply over its usual value; None if it is a parameter."""
+        return inputs[self.supply] * (1.0 / self.usual_supply) if self.usual_supply else None
+
     def reach(self, p: Named) -> Any:
         """Return its largest voltage; None where nothing limits it."""
-        return p[self.supply] * p[self.limit] if self.limit else None
+        return (self.usual_supply or p[self.supply]) * p[self.limit] if self.limit else None
 
     def dead(self, p: Named) -> Any:
         """Return how much a voltage has to be wanted before there is any; None without a band."""
         if not self.band:
             return None
-        dead: Any = p[self.supply] * p[self.duty] * p[self.band]
+        dead: Any = (self.usual_supply or p[self.supply]) * p[self.duty] * p[self.band]
         return dead * p[self.proportional] if self.proportional else dead
 
     def is_linear(self, p: Named, wanted: Any) -> Any:
@@ -60,7 +68,7 @@ class Saturation:
         return below(size(inner * 2.0 - reach), reach)  # between zero and reach
 
     def voltage(self, p: Named, wanted: Any) -> Any:
-        """Return the voltage at a wanted one."""
+        """Return the voltage at a wanted one, without the level of a measured supply."""
         reach, dead, most = self.reach(p), self.dead(p), size(wanted)
         if dead is not None:
             most = where(below(most, dead), 0.0, most - dead)

@@ -153,10 +153,13 @@ def _check_frictions(train: Train) -> None:
 
 
 def _check_servos(train: Train) -> None:
-    """Raise `InputError` if several servos have a limit, a dead band or a goal of limited speed."""
-    limited = [motor.inertia for motor in train.roles.motors if motor.limits & {*train.added}]
+    """Raise `InputError` if several servos have a limit, a dead band or a measured supply."""
+    limited = [motor.inertia for motor in train.roles.motors if motor.is_limited(train.added)]
     if len(limited) > 1:
-        message = f"{' and '.join(limited)} may saturate; only one servo of a train can"
+        message = (
+            f"{' and '.join(limited)} may saturate, or have a measured supply; only one servo of a "
+            "train can"
+        )
         raise InputError.at("drives", message)
 
 
@@ -285,6 +288,7 @@ class Description:
         self.symbols: dict[str, Symbol] = {}
         self.combinations: dict[str, dict[str, float]] = {}
         self._kinds = {drive.inertia: drive.kind for drive in train.drives}
+        self._supplies = {drive.inertia: drive.supply for drive in train.drives}
         self._reductions = _reductions(train)
         inertias = tuple(map(self._inertia, train.inertias))
         shafts = tuple(map(self._shaft, train.shafts))
@@ -304,6 +308,7 @@ class Description:
             *imposed,
             *(inertia.torque for inertia in inertias if inertia.torque),
             *(motor.goal or motor.voltage or motor.current for motor in motors),
+            *(motor.supply for motor in motors if motor.usual_supply),
             *(inertia.bit_weight for inertia in inertias if inertia.bit_weight),
         )
 
@@ -387,7 +392,10 @@ class Description:
         names |= self._add_rows(MOTOR, name)
         if kind == "servo":
             names["goal"] = self._add("goal", name, "rad", "goal of", drives=True)
-            names |= self._add_rows(SERVO, name)
+            usual = names["usual_supply"] = self._supplies[name]
+            if usual:
+                names["supply"] = self._add("supply", name, "V", "supply of")
+            names |= self._add_rows(SERVO[1:] if usual else SERVO, name)
         elif kind == "voltage":
             names["voltage"] = self._add("u", name, "V", "voltage of", drives=True)
         if kind in ("voltage", "servo"):

@@ -22,9 +22,11 @@ CONFIGS = ROOT / "configs"
 BUNDLED = CONFIGS / "nominal_step.yaml"
 
 
-@pytest.mark.parametrize("name", ["nominal_step", "example_ties", "example_experiments"])
+@pytest.mark.parametrize(
+    "name", ["nominal_step", "example_ties", "example_experiments", "example_servo"]
+)
 def test_bundled_records_are_what_simulate_makes(name: str) -> None:
-    """Also of several experiments, of which one has a measured voltage, which stays."""
+    """Also of several experiments, of which one has a measured voltage, and of a servo's goal."""
     case = loading.load(CONFIGS / f"{name}.yaml")
     texts = simulation.simulate_all(case, case.config.seed)
     assert [len(texts), *texts.values()] == [

@@ -81,20 +81,26 @@ def test_a_missing_package_is_named_with_its_extra(
 
 
 def test_messages_of_mcap_that_are_no_json_are_named(tmp_path: Path) -> None:
+    """Also where no other messages are in the file."""
     writer_of = pytest.importorskip("mcap.writer")
-    with (tmp_path / "r.mcap").open("wb") as stream:
-        writer = writer_of.Writer(stream)
-        writer.start()
-        for topic, encoding, data in (
-            ("/joints", "json", json.dumps({"position": [0.5, 1.5], "name": ["a", "b"]}).encode()),
-            ("/ros", "cdr", b"\0\1"),
-        ):
-            channel = writer.register_channel(topic=topic, message_encoding=encoding, schema_id=0)
-            writer.add_message(channel_id=channel, log_time=5, publish_time=5, data=data)
-        writer.finish()
-    table = read(tmp_path / "r.mcap", "mcap")
+    json_text = json.dumps({"position": [0.5, 1.5], "name": ["a", "b"]}).encode()
+    messages = [("/ros", "cdr", b"\0\1"), ("/joints", "json", json_text)]
+    for count, name in enumerate(("ros.mcap", "both.mcap"), 1):
+        with (tmp_path / name).open("wb") as stream:
+            writer = writer_of.Writer(stream)
+            writer.start()
+            for topic, encoding, data in messages[:count]:
+                channel = writer.register_channel(
+                    topic=topic, message_encoding=encoding, schema_id=0
+                )
+                writer.add_message(channel_id=channel, log_time=5, publish_time=5, data=data)
+            writer.finish()
+    why = r"encoded as cdr, not as JSON; .*two lines .* of docs/record\.md"
+    with pytest.raises(InputError, match=f"no numbers that can be read, and /ros has .*{why}"):
+        read(tmp_path / "ros.mcap", "mcap")
+    table = read(tmp_path / "both.mcap", "mcap")
     np.testing.assert_array_equal(table.pick("/joints.position.1"), [1.5])
-    with pytest.raises(InputError, match="encoded as cdr, not as JSON"):
+    with pytest.raises(InputError, match=why):
         table.pick("/ros")
 
 

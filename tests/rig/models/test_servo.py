@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -23,6 +25,7 @@ from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 ARM = Train(inertias=("arm",), drives={"arm": "servo"})
+MEASURED = Train(inertias=("arm",), drives={"arm": {"servo": 12.0}})
 PENDULUM = Train(inertias=("arm",), drives={"arm": "servo"}, gravity=("arm",))
 PLAIN = {"j_arm": 0.03, "k_T_arm": 2.4, "r_arm": 4.9, "k_e_arm": 2.4, "supply_arm": 12.0,
          "duty_arm": 0.16, "k_p_arm": 16.0, "k_d_arm": 0.05}  # fmt: skip
@@ -33,30 +36,36 @@ SERVOS = {
     "band": {**PLAIN, "band_arm": 0.05},
     "both": {**LIMITED, "band_arm": 0.03},
     "friction": RUBBING,
+    "supply": {name: value for name, value in RUBBING.items() if name != "supply_arm"},
     "all": {**RUBBING, "t_s_arm": 0.45, "w_s_arm": 0.3, "band_arm": 0.02, "c_arm": 0.05},
 }
 GOAL = {**RUBBING, "w_goal_arm": 3.0}
 GOALS, TIME = (0.6, -0.3, 0.1, 1.2, 0.0, -0.9, -0.85, 0.4), 0.4
+SUPPLIES = (12.0, 10.5, 13.0, 9.0, 11.8, 12.4, 10.0, 11.0)  # volts, between jumps of the goal
 
 
 def response(
     train: Train, values: dict[str, float], samples: int, *, slope: float = 0.0
 ) -> tuple[Simulator, Array]:
-    """A servo that is at rest at first, whose goal jumps, or rises; `samples` between two jumps."""
+    """A servo that is at rest at first, whose goal jumps, or rises; `samples` between two jumps.
+
+    Where its supply is measured, this jumps too.
+    """
     rig = with_named(train, [*values])
     t = np.linspace(0.0, TIME * len(GOALS), samples * len(GOALS) + 1)
     channels = tuple(
         Channel(name=name, weights={name: 1.0}, unit="", latex="", latex_unit="")
         for name in rig.states
     )
+    series = {"goal_arm": slope * t if slope else np.append(np.repeat(GOALS, samples), GOALS[-1])}
+    if "supply_arm" in rig.inputs:
+        series["supply_arm"] = np.append(np.repeat(SUPPLIES, samples), SUPPLIES[-1])
     record = Experiment(
         t=t,
         y=np.zeros((len(t), len(channels))),
         channels=channels,
         constant={},
-        series={
-            "goal_arm": slope * t if slope else np.append(np.repeat(GOALS, samples), GOALS[-1])
-        },
+        series=series,
         first_order=slope > 0.0,
         start={},
         t_start=0.0,
@@ -70,14 +79,18 @@ def oracle(values: dict[str, float]) -> Servo:
         forward = values.get(name, 0.0)
         return forward, values.get(f"{name}_backward", forward)
 
+    def between_jumps(levels: tuple[float, ...]) -> Callable[[float], float]:
+        return lambda t: levels[min(int((t + 1e-12) / TIME), len(levels) - 1)]
+
+    supplies = (values["supply_arm"],) if "supply_arm" in values else SUPPLIES
     return Servo(
         j=values["j_arm"], k=values["k_T_arm"], r=values["r_arm"], k_e=values["k_e_arm"],
         g=values.get("g_arm", 0.0), c=both("c_arm"), t_c=both("t_c_arm"),
         t_s=both("t_s_arm") if "t_s_arm" in values else None, w_s=values.get("w_s_arm", 1.0),
-        supply=values["supply_arm"], gain=values["duty_arm"], k_p=values["k_p_arm"],
+        supply=between_jumps(supplies), gain=values["duty_arm"], k_p=values["k_p_arm"],
         k_d=values["k_d_arm"], limit=values.get("limit_arm", np.inf),
         band=values.get("band_arm", 0.0),
-        goal=lambda t: GOALS[min(int((t + 1e-12) / TIME), len(GOALS) - 1)],
+        goal=between_jumps(GOALS),
     )  # fmt: skip
 
 
@@ -104,7 +117,7 @@ def test_a_servo_that_saturates_moves_as_from_event_to_event(kind: str) -> None:
     values, corners = SERVOS[kind], TIME * np.arange(1, len(GOALS))
     errors = []
     for samples in (100, 1000):
-        made, full = response(ARM, values, samples)
+        made, full = response(ARM if "supply_arm" in values else MEASURED, values, samples)
         t, y = made.experiment.t, made.signals(full)[0]
         shown = slice(None, None, samples // 20)
         truth = oracle(values).simulate(t[shown], corners=corners)
@@ -178,6 +191,30 @@ def test_only_one_servo_of_a_train_may_saturate() -> None:
     assert Train(inertias=("a", "b"), drives=drives).smooth
     with pytest.raises(InputError, match="only one servo of a train"):
         Train(inertias=("a", "b"), drives=drives, added=("limit_a", "band_b"))
+    with pytest.raises(InputError, match="only one servo of a train"):
+        Train(inertias=("a", "b"), drives={"a": {"servo": 12}, "b": "servo"}, added=("limit_b",))
+
+
+@run_cases("entry", [{"servo": 0}, {"servo": "12"}, {"voltage": 12}, {"servo": 12, "k_p": 1}, {}])
+def test_a_usual_supply_is_a_number_of_a_servo(entry: dict[str, object]) -> None:
+    with pytest.raises(InputError, match=r"write `servo` or, if its supply is measured"):
+        Train(inertias=("arm",), drives={"arm": entry})
+
+
+def test_a_supply_that_stays_at_its_usual_value_is_no_input() -> None:
+    """The same motion, of a servo that is limited and of one that is not."""
+    t = 0.004 * np.arange(300)
+    goal = np.where(t < 0.6, 0.6, 0.0)
+    for values in (PLAIN, LIMITED):
+        measured = {name: value for name, value in values.items() if name != "supply_arm"}
+        rows = [
+            bd.respond(with_named(train, [*own]), own, t, {"goal_arm": goal, **more}, ["theta_arm"])
+            for train, own, more in (
+                (ARM, values, {}),
+                (MEASURED, measured, {"supply_arm": 12.0}),
+            )
+        ]
+        assert rows[1]["theta_arm"] == pytest.approx(rows[0]["theta_arm"], abs=1e-12)
 
 
 @run_cases("limited", [True, False])
