@@ -16,12 +16,15 @@ import copy
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.errors import InputError
-from bayesdrill.design.source import RigLimit, SourceLimits
+from bayesdrill.design.limits import RigLimit, excess
+from bayesdrill.design.source import SourceLimits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.record.experiment import Experiment, frozen, with_states
@@ -61,6 +64,17 @@ class ComingExperiment:
         coming = observation.for_record(experiment).bind(observation.space)
         return cls(observation=coming, source=source, limits=limits)
 
+    def with_samples(self, seen: Flags) -> ComingExperiment:
+        """Return the experiment without the samples for which `seen (T, K)` is false.
+
+        Raises `ValueError` if the noise needs every sample.
+        """
+        recorded, space = self.observation.experiment, self.observation.space
+        assert space is not None
+        experiment = dataclasses.replace(recorded, y=frozen(np.where(seen, 0.0, np.nan)))
+        observation = self.observation.for_record(experiment).bind(space)
+        return dataclasses.replace(self, observation=observation)
+
     def posterior(self, *batch: Array) -> Posterior:
         """Return the posterior of records with these waveforms, whose samples are zero."""
         space, parts = self.observation.space, []
@@ -83,44 +97,54 @@ class ComingExperiment:
     def _simulator(self, levels: Array) -> Simulator:
         return self.observation.response.of(self._driven(self._shown, levels))
 
-    @cached_property
-    def _limited(self) -> Array:
-        """Return weights `(K + X, L)` of channels and states in the limited sums."""
-        channels = len(self.observation.experiment.channels)
-        out = np.zeros((channels + len(self.observation.response.model.states), len(self.limits)))
-        for column, limit in enumerate(self.limits):
-            for name, weight in limit.weights.items():
-                out[channels + self.observation.response.model.states.index(name), column] = weight
-        return out
-
-    def simulate(self, theta: Array, levels: Array) -> tuple[Array, Array]:
-        """Return channels `(W, T, K)` and limited sums `(W, T, L)` at `theta (W, D)`."""
+    def motion(self, theta: Array, levels: Array) -> tuple[Array, Array]:
+        """Return channels `(W, T, K)` and states `(W, T, X)` at `theta (W, D)`."""
         assert self.observation.space is not None
         full = self.observation.simulator_parameters(self.observation.space.full(theta))
+        channels = len(self.observation.experiment.channels)
         both = self._simulator(levels).signals(full)
-        return both[:, :, : len(self.observation.experiment.channels)], both @ self._limited
+        return both[:, :, :channels], both[:, :, channels:]
 
     def course(self, theta: Array, levels: Array) -> tuple[Array, Array]:
-        """Return slopes `(W, m, T, K)` by unknowns on natural scales, and limited sums `(W, T, L)`."""
+        """Return slopes `(W, m, T, K)` by unknowns on natural scales, and states `(W, T, X)`."""
         space = self.observation.space
         assert space is not None
         chosen = self.observation.simulator_parameters
         at = chosen(space.full(theta)), chosen(space.slopes(theta))
         signals, slopes = self._simulator(levels).course(*at)
         channels = len(self.observation.experiment.channels)
-        return slopes[..., :channels], signals @ self._limited
+        return slopes[..., :channels], signals[:, :, channels:]
+
+    def limited(self, theta: Array, states: Array, levels: Array) -> Array:
+        """Return the limited quantities `(W, T, L)` of a motion with `states (W, T, X)`."""
+        driven = self.source.series(levels)[:, None]
+        courses = self.limited_courses(theta, states[..., None, :], driven, 1.0 / self.source.rate)
+        return np.concatenate([*courses, states[..., :0]], axis=-1)
+
+    def limited_courses(self, theta: Array, states: Any, driven: Any, interval: float) -> list[Any]:
+        """Return each limited quantity `(W, t, 1)` of `states (W, t, 1, X)` and input `(t, 1)`.
+
+        Both may have slopes, and have samples in intervals [s].
+        """
+        observation, name = self.observation, self.source.input
+        assert observation.space is not None
+        named = observation.space.named(theta).items()
+        held = {
+            **observation.experiment.constant,
+            **{n: np.reshape(x, (-1, 1, 1)) for n, x in named},
+        }
+        moving = {n: states[..., k] for k, n in enumerate(observation.response.model.states)}
+        return [limit.course(moving, {name: driven[None]}, held, interval) for limit in self.limits]
+
+    def simulate(self, theta: Array, levels: Array) -> tuple[Array, Array]:
+        """Return channels `(W, T, K)` and limited quantities `(W, T, L)` at `theta (W, D)`."""
+        signals, states = self.motion(theta, levels)
+        return signals, self.limited(theta, states, levels)
 
     def whitened(self, slopes: Array, theta: Array) -> Array:
         """Return slopes `(n, T, K)` over the noise at `theta (D,)`, as `(n, T K)`."""
         rows = self.observation.whitened_jacobian_at(slopes, theta)
         return np.asarray(rows.reshape(len(rows), -1))
-
-
-def excess(limited: Array, limits: tuple[RigLimit, ...]) -> Array:
-    """Return by how much limited sums `(..., L)` are beyond their ends; negative below the lower one."""
-    low = np.array([limit.low for limit in limits])
-    high = np.array([limit.high for limit in limits])
-    return np.asarray(np.maximum(limited - high, 0.0) + np.minimum(limited - low, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,39 +181,38 @@ class SuperposedPulses:
             message = f"the slopes of all levels need {size / 1e9:.1f} GB of memory for each draw"
             raise InputError.at("--rate", f"{message}; give a lower rate, or hold levels longer")
         group = max(1, int(MAX_BYTES / size))
+        self._theta, self._size = theta, limited_sizes(coming, theta)
+        per_level = coming.source.samples_of_level
+        self._thin = max(1, per_level // max(1, SEARCH_TIMES // coming.source.count))
         parts = [self._reduce(theta[k : k + group]) for k in range(0, len(theta), group)]
-        self._roots, limited = (np.concatenate(each) for each in zip(*parts, strict=True))
-        drive = max(abs(coming.source.low), abs(coming.source.high))
-        end = limited[..., 0] + drive * limited[..., 1:].sum(axis=-1)
-        self._size = np.maximum(np.abs(end).max(axis=(0, 1), initial=0.0), 1e-300)
-        self._limited = limited / self._size[:, None]
+        self._roots, self._states = (np.concatenate(each) for each in zip(*parts, strict=True))
 
     def with_first(self, draws: int) -> SuperposedPulses:
         """Return the evaluation of the first draws alone, which is faster."""
         fewer = copy.copy(self)
-        fewer._roots, fewer._limited = self._roots[:draws], self._limited[:draws]
+        fewer._roots, fewer._states = self._roots[:draws], self._states[:draws]
+        fewer._theta = self._theta[:draws]
         slopes, precision = self.targets.slopes[:draws], self.targets.precision[:draws]
         fewer.targets = TargetCovariance(slopes=slopes, precision=precision)
         return fewer
 
     def _reduce(self, theta: Array) -> tuple[Array, Array]:
-        """Return roots `(W, R m, S + 1)` of slopes, and limited sums `(W, t, L, S + 1)`."""
+        """Return roots `(W, R m, S + 1)` of slopes, and states `(W, t, S + 1, X)`."""
         coming, count = self.coming, self.coming.source.count
         still, levels = coming.course(theta, np.zeros(count)), np.eye(count)
         courses = [still, *(coming.course(theta, level) for level in levels)]
-        thin = max(1, coming.source.samples_of_level // max(1, SEARCH_TIMES // count))
-        rows, limited = [], []
-        for number, (slopes, sums) in enumerate(courses):
-            base, base_sums = still if number else (0.0, 0.0)
+        rows, states = [], []
+        for number, (slopes, motion) in enumerate(courses):
+            base, base_motion = still if number else (0.0, 0.0)
             rows.append([coming.whitened(x, p) for x, p in zip(slopes - base, theta, strict=True)])
-            limited.append((sums - base_sums)[:, thin::thin])
+            states.append((motion - base_motion)[:, :: self._thin])
         tall = np.stack([np.stack(each, axis=0) for each in rows], axis=1)  # (W, S + 1, m, T K)
         tall = tall.reshape(len(theta), -1, tall.shape[-1]).swapaxes(1, 2)
         reduced = np.stack([np.linalg.qr(each, mode="r") for each in tall])
         reduced = reduced.reshape(len(theta), -1, count + 1, self._m).swapaxes(2, 3)
         return (
             np.ascontiguousarray(reduced).reshape(len(theta), -1, count + 1),
-            np.stack(limited, axis=-1),
+            np.stack(states, axis=2),
         )
 
     def _root(self, levels: Array) -> Array:
@@ -208,17 +231,27 @@ class SuperposedPulses:
         flat = (root @ pull).reshape(len(root), 1, -1)
         return value, -2.0 * (flat @ self._roots)[:, 0].sum(axis=0)[1:]
 
-    def search_excess(self, levels: Array) -> Array:
-        """Return `excess` over the size of each limited sum at the draws of the search, `(W, t, L)`."""
-        sums = (self._limited @ np.append(1.0, levels)) * self._size
-        return np.asarray(excess(sums, self.coming.limits) / self._size)
-
     def penalty(self, levels: Array) -> tuple[float, Array]:
-        """Return the sum of squares of `search_excess`, and its derivative by the levels, `(S,)`."""
-        beyond = self.search_excess(levels)
-        where = np.nonzero(beyond)
-        amounts = beyond[where]
-        return float(amounts @ amounts), 2.0 * (amounts @ self._limited[where])[1:]
+        """Return squared excesses over the sizes of quantities, and the slope by levels, `(S,)`."""
+        source, x = self.coming.source, np.append(1.0, levels)
+        pulses = source.series(np.eye(len(levels))).T[:: self._thin]
+        motion = Dual((x @ self._states)[:, :, None], self._states[:, :, 1:])
+        driven = Dual((pulses @ levels)[:, None], pulses)
+        courses = self.coming.limited_courses(self._theta, motion, driven, self._thin / source.rate)
+        total, slope = 0.0, np.zeros(len(levels))
+        for limit, size, course in zip(self.coming.limits, self._size, courses, strict=True):
+            beyond = excess(course.value, (limit,))[..., 0] / size
+            where = np.nonzero(beyond)
+            total += float(beyond[where] @ beyond[where])
+            slope += 2.0 * (beyond[where] @ course.slope[where]) / size
+        return total, slope
+
+
+def limited_sizes(coming: ComingExperiment, theta: Array) -> Array:
+    """Return sizes `(L,)` of the limited quantities, under the largest level of the source."""
+    drive = max(coming.source.low, coming.source.high, key=abs)
+    limited = coming.simulate(theta, np.full(coming.source.count, drive))[1]
+    return np.asarray(np.maximum(np.abs(limited).max(axis=(0, 1), initial=0.0), 1e-300))
 
 
 class SimulatedSlopes:
@@ -226,15 +259,14 @@ class SimulatedSlopes:
 
     def __init__(self, coming: ComingExperiment, theta: Array, targets: TargetCovariance) -> None:
         self.coming, self.targets, self._theta = coming, targets, theta
-        drive = max(coming.source.low, coming.source.high, key=abs)
-        limited = coming.simulate(theta, np.full(coming.source.count, drive))[1]
-        self._size = np.maximum(np.abs(limited).max(axis=(0, 1), initial=0.0), 1e-300)
+        self._size = limited_sizes(coming, theta)
         self._last: tuple[bytes, Array, Array] | None = None
 
     def _evaluate(self, levels: Array) -> tuple[Array, Array]:
         key = levels.tobytes()
         if self._last is None or self._last[0] != key:
-            slopes, limited = self.coming.course(self._theta, levels)
+            slopes, states = self.coming.course(self._theta, levels)
+            limited = self.coming.limited(self._theta, states, levels)
             pairs = zip(slopes, self._theta, strict=True)
             rows = np.stack([self.coming.whitened(x, point) for x, point in pairs])
             self._last = key, rows @ rows.swapaxes(1, 2), limited
@@ -245,7 +277,7 @@ class SimulatedSlopes:
         return self._evaluate(levels)[0]
 
     def search_excess(self, levels: Array) -> Array:
-        """Return `excess` over the size of each limited sum at the draws of the search, `(W, T, L)`."""
+        """Return `excess` over the sizes of the limited quantities, `(W, T, L)`."""
         return np.asarray(excess(self._evaluate(levels)[1], self.coming.limits) / self._size)
 
 

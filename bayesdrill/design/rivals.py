@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -56,17 +57,21 @@ class ComparedExperiment(ComingExperiment):
         assert space is not None
         return theta[..., : len(space.free)], theta[..., len(space.free) :]
 
-    def simulate(self, theta: Array, levels: Array) -> tuple[Array, Array]:
-        """Return channels `(W, T, K)` and limited sums `(W, T, L)` of the first model."""
-        return ComingExperiment.simulate(self, self._split(theta)[0], levels)
+    def motion(self, theta: Array, levels: Array) -> tuple[Array, Array]:
+        """Return channels `(W, T, K)` and states `(W, T, X)` of the first model."""
+        return super().motion(self._split(theta)[0], levels)
 
     def course(self, theta: Array, levels: Array) -> tuple[Array, Array]:
-        """Return slopes `(W, m + 1, T, K)` and limited sums `(W, T, L)`."""
-        signals, limited = self.simulate(theta, levels)
+        """Return slopes `(W, m + 1, T, K)` and states `(W, T, X)` of the first model."""
+        signals, states = self.motion(theta, levels)
         other = self._split(theta)[1]
-        difference = signals - self.rival.simulate(other, levels)[0]
+        difference = signals - self.rival.motion(other, levels)[0]
         slopes = self.rival.course(other, levels)[0]
-        return np.concatenate([slopes, difference[:, None]], axis=1), limited
+        return np.concatenate([slopes, difference[:, None]], axis=1), states
+
+    def limited_courses(self, theta: Array, states: Any, driven: Any, interval: float) -> list[Any]:
+        """Return the limited quantities of the first model."""
+        return super().limited_courses(self._split(theta)[0], states, driven, interval)
 
     def whitened(self, slopes: Array, theta: Array) -> Array:
         """Return slopes `(n, T, K)` over the noise of the rival, as `(n, T K)`."""

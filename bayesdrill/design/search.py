@@ -15,13 +15,13 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.basics.errors import InputError
+from bayesdrill.design.limits import excess
 from bayesdrill.design.responses import (
     TOLERANCE,
     ComingExperiment,
     Evaluation,
     SimulatedSlopes,
     SuperposedPulses,
-    excess,
 )
 from bayesdrill.design.waveforms import FAMILIES
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -16,6 +17,7 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.schema.config import Thresholds
 from bayesdrill.design import search
 from bayesdrill.design.knowledge import PresentKnowledge
+from bayesdrill.design.limits import RigLimit
 from bayesdrill.design.promise import information, present_sds, promise
 from bayesdrill.design.responses import (
     ComingExperiment,
@@ -24,7 +26,8 @@ from bayesdrill.design.responses import (
     SuperposedPulses,
     TargetCovariance,
 )
-from bayesdrill.design.source import RigLimit, SourceLimits
+from bayesdrill.design.source import SourceLimits
+from bayesdrill.design.variants import variant_sds
 from bayesdrill.design.visibility import TargetVisibility, examine_targets
 from bayesdrill.design.waveforms import FREE
 from bayesdrill.inference.posterior import Posterior, Problem
@@ -84,7 +87,8 @@ class ExperimentDesign:
     `criteria` are mean log determinants of the targets' covariance by waveform.  `bands (3, T, K)`
     are quantiles `BAND` of the channels in the first experiment, and `limited (3, T, L)` those of the
     limited sums.  `kept` is the least share of draws that keep the limits.  `log_odds` against a rival
-    are given in place of targets, by waveform.
+    are given in place of targets, by waveform.  `variants` has sds of the targets by what is changed
+    beside the waveform.
     """
 
     request: DesignRequest
@@ -98,6 +102,7 @@ class ExperimentDesign:
     kept: float
     known_from: str
     draws: int
+    variants: Mapping[str, tuple[float, ...]] = MappingProxyType({})
 
 
 def design_experiment(
@@ -148,7 +153,10 @@ def design_experiment(
     _refuse_hopeless([targets[k] for k in visibility.visible], thresholds)
     report.update(1.0, "")
     criteria = {name: chosen.criterion(x)[0] for name, x in informations.items()}
-    return describe_expected(coming, request, np.array(batch), known, check, targets, criteria)
+    sds = np.array([target.designed for target in targets])
+    variants = variant_sds(problem.observations[0], coming, batch, known, visibility.slopes, sds)
+    design = describe_expected(coming, request, np.array(batch), known, check, targets, criteria)
+    return dataclasses.replace(design, variants=variants)
 
 
 def search_levels(

@@ -10,8 +10,9 @@ from support.array_cases import two
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.design.limits import parse_limits
 from bayesdrill.design.responses import ComingExperiment, SuperposedPulses, TargetCovariance
-from bayesdrill.design.source import SourceLimits, parse_limits
+from bayesdrill.design.source import SourceLimits
 from bayesdrill.design.targets import gradients, parse_targets
 
 SOURCE = SourceLimits(input="v", low=0.0, high=12.0, hold=0.5, duration=4.0, rate=40.0)
@@ -22,7 +23,11 @@ def evaluation(case: bd.Case, names: tuple[str, ...] = ("k_s", "t_f")) -> Superp
     problem = case.job.problem
     space = problem.posterior.space
     draws = space.draw(3, np.random.default_rng(1))
-    limits = parse_limits(["w_2=0:20", "theta_1 - theta_2=-2:2"], problem.model)
+    limits = parse_limits(
+        ["w_2=0:20", "theta_1 - theta_2=-2:2", "integral(v*i)=:20", "k_s*(theta_1 - theta_2)=:50"],
+        problem.model.states,
+        ("v", *space.model),
+    )
     coming = ComingExperiment.like(problem.observations[0], SOURCE, limits)
     slopes = gradients(parse_targets(problem, names, draws), space, draws)
     precision = np.diag(SensitivityStudy(problem.posterior.likelihood).prior_spreads ** -2.0)

@@ -14,7 +14,7 @@ from bayesdrill.design.waveforms import FREE
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import build_page, legend_above
-from bayesdrill.report.section import aligned, listed
+from bayesdrill.report.section import aligned, lines_as_csv, listed
 from bayesdrill.report.sections.identifiability import percent
 from bayesdrill.report.style import Axes, Figure
 
@@ -32,7 +32,7 @@ CRITERION = "log det"
 def describe_design(design: ExperimentDesign) -> str:
     """Return the whole text of a design for the terminal."""
     parts = [_opening(design), design_table(design), target_sentences(design)]
-    parts += [odds_sentence(design), _limits(design)]
+    parts += [odds_sentence(design), _limits(design), _variants(design)]
     return "\n\n".join(filter(None, parts))
 
 
@@ -113,6 +113,25 @@ def _limits(design: ExperimentDesign) -> str:
         return ""
     limits = listed([limit.describe() for limit in design.request.limits])
     return f"{100 * design.kept:.3g} % of the draws keep the limits {limits}"
+
+
+def _variants(design: ExperimentDesign) -> str:
+    """Return the table of sds for the same waveform with other channels, rates, times and repeats."""
+    if not design.variants:
+        return ""
+    head = ("", *(target.name for target in design.targets))
+    rows = [(f"  {name}", *map(percent, sds)) for name, sds in design.variants.items()]
+    title = "relative sds after the same waveform with other channels, rates, times or repeats:"
+    return f"{title}\n{aligned([head, *rows], left={0})}"
+
+
+def design_csv(design: ExperimentDesign) -> str:
+    """Return relative sds as CSV: a column for each target, a row for each waveform and variant."""
+    names = [target.name for target in design.targets]
+    rows = [[n, *(t.after[n] for t in design.targets)] for n in design.criteria]
+    rows = [["now", *(t.now for t in design.targets)], *rows]
+    rows += [[name, *sds] for name, sds in design.variants.items()]
+    return lines_as_csv([["experiment", *names], *rows])
 
 
 def design_figure(
