@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.duals import linear_map
+from bayesdrill.basics.duals import Dual, linear_map
 from bayesdrill.basics.errors import Issue
 from bayesdrill.basics.formulas import Expression, expression
 from bayesdrill.record.experiment import raise_if_any
@@ -50,10 +50,10 @@ class RigLimit:
         The trapezoidal rule integrates over the sampling intervals [s], in which inputs are held.
         """
         if not self.integral:
-            return self.formula.value({**states, **driven, **constant})
-        held = {name: each[:, :-1] for name, each in driven.items()} | {**constant}
+            return self.formula.value({**constant, **states, **driven})
+        held = {**constant, **{name: each[:, :-1] for name, each in driven.items()}}
         first, last = (
-            self.formula.value({name: each[:, part] for name, each in states.items()} | held)
+            self.formula.value(held | {name: each[:, part] for name, each in states.items()})
             for part in (slice(-1), slice(1, None))
         )
 
@@ -61,6 +61,47 @@ class RigLimit:
             return np.insert(0.5 * interval * np.cumsum(power, axis=1), 0, 0.0, axis=1)
 
         return linear_map(integrated, first + last)
+
+    def quadratic_form(
+        self,
+        states: Mapping[str, Array],
+        driven: Mapping[str, Array],
+        constant: Mapping[str, Any],
+        interval: float,
+    ) -> Array:
+        """Return the integral over all samples as a form `(R, R)` of x, for signals `(T, R) @ x`.
+
+        The first of x is one.
+        """
+        names = [name for name in (*states, *driven) if name in self.formula.names]
+        power, totals = self._power(names, constant), []
+        for part in (slice(-1), slice(1, None)):
+            rows = [states[n][part] if n in states else driven[n][:-1] for n in names]
+            ones = np.zeros_like(rows[0])
+            ones[:, 0] = 1.0
+            signals = np.stack([ones, *rows])
+            weighted = np.tensordot(power, signals, 1).reshape(-1, ones.shape[1])
+            totals.append(weighted.T @ signals.reshape(-1, ones.shape[1]))
+        return np.asarray(0.5 * interval * sum(totals))
+
+    def _power(self, names: Sequence[str], constant: Mapping[str, Any]) -> Array:
+        """Return the symmetric matrix of a formula that is quadratic in 1 and these names."""
+        n = len(names)
+        points, units = np.vstack([np.zeros(n), np.eye(n)]), np.eye(n)
+        duals = {name: Dual(points[:, [k]], units[k]) for k, name in enumerate(names)}
+        values = self.formula.value({**constant, **duals})
+        value, slopes = values.value.reshape(-1), values.slope.reshape(-1, n)
+        out = np.empty((n + 1, n + 1))
+        out[0, 0], out[0, 1:], out[1:, 0] = value[0], 0.5 * slopes[0], 0.5 * slopes[0]
+        out[1:, 1:] = 0.5 * (slopes[1:] - slopes[0])
+        return out
+
+    def is_quadratic(self, names: Sequence[str]) -> bool:
+        """Return whether the formula is at most quadratic in `names`."""
+        x = np.append(1.0, 1.3 + np.arange(len(names)))
+        values = {name: np.float64(1.7) for name in self.formula.names}
+        exact = self.formula.value(values | dict(zip(names, x[1:], strict=True)))
+        return bool(np.isclose(x @ self._power(names, values) @ x, exact, rtol=1e-9))
 
 
 def excess(limited: Array, limits: Sequence[RigLimit]) -> Array:
@@ -71,11 +112,11 @@ def excess(limited: Array, limits: Sequence[RigLimit]) -> Array:
 
 
 def parse_limits(
-    texts: Sequence[str], states: Sequence[str], others: Iterable[str]
+    texts: Sequence[str], states: Sequence[str], inputs: Sequence[str], parameters: Iterable[str]
 ) -> tuple[RigLimit, ...]:
     """Return limits such as `w_2=0:` or `integral(v*i)=:50`; raises `InputError`.
 
-    A formula has names of `states`, and may have `others`, of inputs and parameters.
+    A formula has names of `states`, and may have `inputs` and `parameters`.
     """
     limits, issues = [], []
     for text in texts:
@@ -86,12 +127,15 @@ def parse_limits(
             if not colon or not low < high or not (math.isfinite(low) or math.isfinite(high)):
                 raise ValueError(f"give two ends, the lower first, such as {name or 'SUM'}=0:20")
             inner = _INTEGRAL.fullmatch(name)
-            formula = expression(inner[1] if inner else name, [*states, *others])
+            formula = expression(inner[1] if inner else name, [*states, *inputs, *parameters])
             if not {*states} & {*formula.names}:
                 raise ValueError(f"name at least one of the states {', '.join(states)}")
             limit = RigLimit(
                 text=name.strip(), formula=formula, integral=bool(inner), low=low, high=high
             )
+            moving = [each for each in formula.names if each in (*states, *inputs)]
+            if inner and not limit.is_quadratic(moving):
+                raise ValueError("integrate a power such as v*i or r_m*i**2, of degree two")
             limits.append(limit)
         except ValueError as error:
             shown = str(error)

@@ -16,14 +16,11 @@ import copy
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.errors import InputError
-from bayesdrill.design.limits import RigLimit, excess
 from bayesdrill.design.source import SourceLimits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood, Posterior
@@ -31,8 +28,6 @@ from bayesdrill.record.experiment import Experiment, frozen, with_states
 from bayesdrill.rig.simulators.contract import Simulator
 
 MAX_BYTES = 6e8  # of the slopes of all pulses that are kept before they are reduced
-TOLERANCE = 1e-6  # of a limit, over the size of what it limits
-SEARCH_TIMES = 250  # times at which limits are kept in a search, at least; all count at its end
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,19 +36,17 @@ class ComingExperiment:
 
     observation: Observation
     source: SourceLimits
-    limits: tuple[RigLimit, ...] = ()
 
     @classmethod
-    def like(
-        cls, observation: Observation, source: SourceLimits, limits: tuple[RigLimit, ...]
-    ) -> ComingExperiment:
+    def like(cls, observation: Observation, source: SourceLimits) -> ComingExperiment:
         """Return the experiment with another input; further measured inputs are held at their means.
 
         Constant inputs stay, and series are added to them, as in `SensitivityStudy`.
         """
         recorded, t = observation.experiment, source.t
-        steady = {name: float(np.mean(u)) for name, u in recorded.series.items()}
-        constant = {**recorded.constant, **steady}
+        constant = dict(recorded.constant)
+        for name, u in recorded.series.items():
+            constant[name] = constant.get(name, 0.0) + float(np.mean(u))
         model = observation.response.model
         experiment = dataclasses.replace(
             recorded, t=frozen(t), y=frozen(np.zeros((len(t), len(recorded.channels)))),
@@ -62,7 +55,7 @@ class ComingExperiment:
         )  # fmt: skip
         assert observation.space is not None
         coming = observation.for_record(experiment).bind(observation.space)
-        return cls(observation=coming, source=source, limits=limits)
+        return cls(observation=coming, source=source)
 
     def with_samples(self, seen: Flags) -> ComingExperiment:
         """Return the experiment without the samples for which `seen (T, K)` is false.
@@ -105,41 +98,14 @@ class ComingExperiment:
         both = self._simulator(levels).signals(full)
         return both[:, :, :channels], both[:, :, channels:]
 
-    def course(self, theta: Array, levels: Array) -> tuple[Array, Array]:
-        """Return slopes `(W, m, T, K)` by unknowns on natural scales, and states `(W, T, X)`."""
+    def slopes(self, theta: Array, levels: Array) -> Array:
+        """Return slopes `(W, m, T, K)` of the channels by unknowns on natural scales."""
         space = self.observation.space
         assert space is not None
         chosen = self.observation.simulator_parameters
         at = chosen(space.full(theta)), chosen(space.slopes(theta))
-        signals, slopes = self._simulator(levels).course(*at)
-        channels = len(self.observation.experiment.channels)
-        return slopes[..., :channels], signals[:, :, channels:]
-
-    def limited(self, theta: Array, states: Array, levels: Array) -> Array:
-        """Return the limited quantities `(W, T, L)` of a motion with `states (W, T, X)`."""
-        driven = self.source.series(levels)[:, None]
-        courses = self.limited_courses(theta, states[..., None, :], driven, 1.0 / self.source.rate)
-        return np.concatenate([*courses, states[..., :0]], axis=-1)
-
-    def limited_courses(self, theta: Array, states: Any, driven: Any, interval: float) -> list[Any]:
-        """Return each limited quantity `(W, t, 1)` of `states (W, t, 1, X)` and input `(t, 1)`.
-
-        Both may have slopes, and have samples in intervals [s].
-        """
-        observation, name = self.observation, self.source.input
-        assert observation.space is not None
-        named = observation.space.named(theta).items()
-        held = {
-            **observation.experiment.constant,
-            **{n: np.reshape(x, (-1, 1, 1)) for n, x in named},
-        }
-        moving = {n: states[..., k] for k, n in enumerate(observation.response.model.states)}
-        return [limit.course(moving, {name: driven[None]}, held, interval) for limit in self.limits]
-
-    def simulate(self, theta: Array, levels: Array) -> tuple[Array, Array]:
-        """Return channels `(W, T, K)` and limited quantities `(W, T, L)` at `theta (W, D)`."""
-        signals, states = self.motion(theta, levels)
-        return signals, self.limited(theta, states, levels)
+        driven = self._driven(self.observation.experiment, levels)
+        return self.observation.response.of(driven).course(*at)[1]
 
     def whitened(self, slopes: Array, theta: Array) -> Array:
         """Return slopes `(n, T, K)` over the noise at `theta (D,)`, as `(n, T K)`."""
@@ -181,39 +147,31 @@ class SuperposedPulses:
             message = f"the slopes of all levels need {size / 1e9:.1f} GB of memory for each draw"
             raise InputError.at("--rate", f"{message}; give a lower rate, or hold levels longer")
         group = max(1, int(MAX_BYTES / size))
-        self._theta, self._size = theta, limited_sizes(coming, theta)
-        per_level = coming.source.samples_of_level
-        self._thin = max(1, per_level // max(1, SEARCH_TIMES // coming.source.count))
         parts = [self._reduce(theta[k : k + group]) for k in range(0, len(theta), group)]
-        self._roots, self._states = (np.concatenate(each) for each in zip(*parts, strict=True))
+        self._roots = np.concatenate(parts)
 
     def with_first(self, draws: int) -> SuperposedPulses:
         """Return the evaluation of the first draws alone, which is faster."""
         fewer = copy.copy(self)
-        fewer._roots, fewer._states = self._roots[:draws], self._states[:draws]
-        fewer._theta = self._theta[:draws]
+        fewer._roots = self._roots[:draws]
         slopes, precision = self.targets.slopes[:draws], self.targets.precision[:draws]
         fewer.targets = TargetCovariance(slopes=slopes, precision=precision)
         return fewer
 
-    def _reduce(self, theta: Array) -> tuple[Array, Array]:
-        """Return roots `(W, R m, S + 1)` of slopes, and states `(W, t, S + 1, X)`."""
+    def _reduce(self, theta: Array) -> Array:
+        """Return roots `(W, R m, S + 1)` of slopes."""
         coming, count = self.coming, self.coming.source.count
-        still, levels = coming.course(theta, np.zeros(count)), np.eye(count)
-        courses = [still, *(coming.course(theta, level) for level in levels)]
-        rows, states = [], []
-        for number, (slopes, motion) in enumerate(courses):
-            base, base_motion = still if number else (0.0, 0.0)
+        still = coming.slopes(theta, np.zeros(count))
+        courses = [still, *(coming.slopes(theta, level) for level in np.eye(count))]
+        rows = []
+        for number, slopes in enumerate(courses):
+            base = still if number else 0.0
             rows.append([coming.whitened(x, p) for x, p in zip(slopes - base, theta, strict=True)])
-            states.append((motion - base_motion)[:, :: self._thin])
         tall = np.stack([np.stack(each, axis=0) for each in rows], axis=1)  # (W, S + 1, m, T K)
         tall = tall.reshape(len(theta), -1, tall.shape[-1]).swapaxes(1, 2)
         reduced = np.stack([np.linalg.qr(each, mode="r") for each in tall])
         reduced = reduced.reshape(len(theta), -1, count + 1, self._m).swapaxes(2, 3)
-        return (
-            np.ascontiguousarray(reduced).reshape(len(theta), -1, count + 1),
-            np.stack(states, axis=2),
-        )
+        return np.ascontiguousarray(reduced).reshape(len(theta), -1, count + 1)
 
     def _root(self, levels: Array) -> Array:
         rows = self._roots @ np.append(1.0, levels)
@@ -231,54 +189,18 @@ class SuperposedPulses:
         flat = (root @ pull).reshape(len(root), 1, -1)
         return value, -2.0 * (flat @ self._roots)[:, 0].sum(axis=0)[1:]
 
-    def penalty(self, levels: Array) -> tuple[float, Array]:
-        """Return squared excesses over the sizes of quantities, and the slope by levels, `(S,)`."""
-        source, x = self.coming.source, np.append(1.0, levels)
-        pulses = source.series(np.eye(len(levels))).T[:: self._thin]
-        motion = Dual((x @ self._states)[:, :, None], self._states[:, :, 1:])
-        driven = Dual((pulses @ levels)[:, None], pulses)
-        courses = self.coming.limited_courses(self._theta, motion, driven, self._thin / source.rate)
-        total, slope = 0.0, np.zeros(len(levels))
-        for limit, size, course in zip(self.coming.limits, self._size, courses, strict=True):
-            beyond = excess(course.value, (limit,))[..., 0] / size
-            where = np.nonzero(beyond)
-            total += float(beyond[where] @ beyond[where])
-            slope += 2.0 * (beyond[where] @ course.slope[where]) / size
-        return total, slope
-
-
-def limited_sizes(coming: ComingExperiment, theta: Array) -> Array:
-    """Return sizes `(L,)` of the limited quantities, under the largest level of the source."""
-    drive = max(coming.source.low, coming.source.high, key=abs)
-    limited = coming.simulate(theta, np.full(coming.source.count, drive))[1]
-    return np.asarray(np.maximum(np.abs(limited).max(axis=(0, 1), initial=0.0), 1e-300))
-
 
 class SimulatedSlopes:
     """The evaluation of a rig with friction simulates each waveform at each draw, with its slopes."""
 
     def __init__(self, coming: ComingExperiment, theta: Array, targets: TargetCovariance) -> None:
         self.coming, self.targets, self._theta = coming, targets, theta
-        self._size = limited_sizes(coming, theta)
-        self._last: tuple[bytes, Array, Array] | None = None
-
-    def _evaluate(self, levels: Array) -> tuple[Array, Array]:
-        key = levels.tobytes()
-        if self._last is None or self._last[0] != key:
-            slopes, states = self.coming.course(self._theta, levels)
-            limited = self.coming.limited(self._theta, states, levels)
-            pairs = zip(slopes, self._theta, strict=True)
-            rows = np.stack([self.coming.whitened(x, point) for x, point in pairs])
-            self._last = key, rows @ rows.swapaxes(1, 2), limited
-        return self._last[1:]
 
     def information(self, levels: Array) -> Array:
         """Return the information `(W, m, m)` of a waveform at each draw."""
-        return self._evaluate(levels)[0]
-
-    def search_excess(self, levels: Array) -> Array:
-        """Return `excess` over the sizes of the limited quantities, `(W, T, L)`."""
-        return np.asarray(excess(self._evaluate(levels)[1], self.coming.limits) / self._size)
+        pairs = zip(self.coming.slopes(self._theta, levels), self._theta, strict=True)
+        rows = np.stack([self.coming.whitened(x, point) for x, point in pairs])
+        return np.asarray(rows @ rows.swapaxes(1, 2))
 
 
 Evaluation = SuperposedPulses | SimulatedSlopes  # knows what each waveform would show

@@ -59,7 +59,7 @@ def _variants(
         return coming.with_samples(seen).posterior(*batch)
 
     def driven(other: SourceLimits, repeats: int) -> Posterior:
-        again = ComingExperiment.like(recorded, other, ())
+        again = ComingExperiment.like(recorded, other)
         return again.posterior(*(np.tile(levels, repeats) for levels in batch))
 
     every = list(range(len(names)))

@@ -151,7 +151,7 @@ def design(
     request = DesignRequest(
         source=_source(job, options),
         limits=parse_limits(
-            limits, problem.model.states, (*problem.model.inputs, *problem.posterior.space.model)
+            limits, problem.model.states, problem.model.inputs, problem.posterior.space.model
         ),
         learn=tuple(learn),
         family=family,

@@ -60,8 +60,8 @@ def test_the_heat_over_the_run_is_limited_and_used() -> None:
     numbers = {"high": 12.0, "hold": 0.5, "draws": 1}
     designed = case.design(limits=f"integral(r_m*i**2)=:{allowed}", **numbers)
     source, values = designed.design.request.source, {**NOMINAL, **bd.nominal()}
-    t = np.linspace(0.0, source.t[-1], 20 * len(source.t))
-    held = np.minimum((t / source.interval).astype(int), source.count - 1)
+    t = np.linspace(0.0, source.t[-1], 100 * (len(source.t) - 1) + 1)
+    held = np.minimum((t / source.interval + 1e-9).astype(int), source.count - 1)
     inputs = {"v": designed.levels[held], "t_1": 0.0}
     i = bd.respond(bd.MotorShaft(i_m=1 / 8), values, t, inputs, ["i"])["i"]
     assert np.trapezoid(values["r_m"] * i**2, t) == pytest.approx(allowed, rel=0.05)

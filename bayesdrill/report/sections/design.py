@@ -158,7 +158,8 @@ def design_figure(
                 "now": style.PRIOR_LINE,
             }
         for panel, (label, band, ends) in zip(panels[1:], panels_of, strict=True):
-            _response(panel, source.t, time, label, band, ends)
+            t = np.linspace(0.0, source.t[-1], band.shape[1])
+            _response(panel, t, time, label, band, ends)
         if design.request.limits:
             looks["limit"] = LIMIT_LINE
         return legend_above(figure, looks)
