@@ -44,8 +44,8 @@ def servo() -> bd.Case:
     parameters = dict.fromkeys(("k_s", "j_1", "j_m", "c_m", "k_e"), BOX)
     held = {"k_T": SERVO["k_T"], "r_m": SERVO["r_m"], "l_m": SERVO["l_m"], "t_f": 0.0}
     return bd.case(
-        t, channels=channels, inputs={"v": bd.Input(v, "V", hold="zero")}, parameters=parameters | held, rig=rig,
-        nominal=SERVO, sampler=SAMPLER,
+        t, channels=channels, inputs={"v": bd.Input(v, "V", hold="zero")},
+        parameters=parameters | held, rig=rig, nominal=SERVO, sampler=SAMPLER,
     )  # fmt: skip
 
 
