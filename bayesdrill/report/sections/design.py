@@ -199,7 +199,8 @@ def _responses(
     for k, limit in enumerate(limits):
         if limit.text in ends:
             known: Mapping[str, Symbol] = problem.model.symbols
-            plain = Symbol(limit.text, "", rf"\mathrm{{{limit.text}}}".replace("_", r"\_"), "", "")
+            shown = limit.text.replace("_", r"\_").replace("**", "^").replace("*", r"\,")
+            plain = Symbol(limit.text, "", rf"\mathrm{{{shown}}}", "", "")
             yield known.get(limit.text, plain), design.limited[..., k], ends[limit.text]
 
 
