@@ -125,7 +125,7 @@ def parse_limits(
         try:
             low, high = float(first or -math.inf), float(last or math.inf)
             if not colon or not low < high or not (math.isfinite(low) or math.isfinite(high)):
-                raise ValueError(f"give two ends, the lower first, such as {name or 'SUM'}=0:20")
+                raise ValueError(f"give two ends, the lower first, such as {name or 'w_2'}=0:20")
             inner = _INTEGRAL.fullmatch(name)
             formula = expression(inner[1] if inner else name, [*states, *inputs, *parameters])
             if not {*states} & {*formula.names}:

@@ -136,7 +136,7 @@ def test_every_notebook_runs(path: Path) -> None:
 def test_every_script_and_notebook_is_python() -> None:
     for path in DOCUMENTS:
         compile(script(path), path.name, "exec")
-    assert len(NOTEBOOKS) == 6
+    assert len(NOTEBOOKS) == 7
     for path in NOTEBOOKS:
         compile(cells(path), path.name, "exec")
         assert "assert run.converged" in cells(path), path.name
