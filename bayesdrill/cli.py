@@ -266,8 +266,8 @@ def design(
     limit: Annotated[
         list[str] | None,
         option(
-            "Of a sum of states, SI, such as w_2=0: or 'theta_1 - theta_2=-1:1'.",
-            metavar="SUM=LOW:HIGH",
+            "Of a formula of states, SI, such as w_2=0: or 'integral(r_m*i**2)=:50'.",
+            metavar="FORMULA=LOW:HIGH",
         ),
     ] = None,
     family: Annotated[

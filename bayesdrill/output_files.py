@@ -157,7 +157,7 @@ MAP = Kind(
 IDENTIFY = Kind("identify", figure_files("spectrum", "profiles", formats=FORMATS), "identify.md")
 DESIGN = Kind(
     "design",
-    ("waveform.csv", "coming.yaml", *figure_files("design", formats=FORMATS)),
+    ("waveform.csv", "coming.yaml", "design.csv", *figure_files("design", formats=FORMATS)),
     "design.md",
 )
 

@@ -16,15 +16,19 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from ruamel.yaml import YAML
+
 import bayesdrill as bd
 from bayesdrill import output_files
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import VERSION_OF
+from bayesdrill.tasks.design import COMING
 from docs import products
 from studies.paper import reproduction
 
 ROOT = Path(__file__).parent.parent
 PAPER = "paper"
+DESIGNED, OF = "nominal_step_designed", "nominal_step"  # a designed experiment, and its config
 ENDS = (".csv", ".html", ".json", ".md", ".png", ".tex")
 OWN = ("map.json",)  # for --resume, which needs a chain
 SOME = ("torque.csv",)  # of runs that have a missing torque
@@ -61,7 +65,7 @@ def publish(source: Path, target: Path, kind: output_files.Kind) -> None:
 def stale(root: Path) -> Iterator[str]:
     """What differs between what is published and what the configs would give, a sentence each."""
     found = configs(root)
-    wanted = {*found, PAPER}
+    wanted = {*found, PAPER} | ({DESIGNED} if OF in found else set())
     kept = {path.name for path in published(root).iterdir() if path.is_dir()}
     yield from (f"{name} is not published" for name in sorted(wanted - kept))
     yield from (f"{name} has no config any more" for name in sorted(kept - wanted))
@@ -69,6 +73,8 @@ def stale(root: Path) -> Iterator[str]:
         folder = published(root) / name
         yield from (f"{name}: {what}" for what in _other_run(found[name], _run(folder)))
         yield from (f"{name}: {what}" for what in _other_files(folder, _run(folder)))
+    if DESIGNED in kept and OF in found:
+        yield from _other_design(found[OF], published(root) / DESIGNED)
     yield from products.stale(root)
 
 
@@ -96,6 +102,17 @@ def _other_files(folder: Path, run: Mapping[str, Any]) -> Iterator[str]:
             yield f"{name} is missing"
 
 
+def _other_design(case: bd.Case, folder: Path) -> Iterator[str]:
+    """What the record of today's config tells, and the priors of the coming one."""
+    config = case.job.source.data
+    coming = YAML(typ="safe").load((folder / COMING).read_text(encoding="utf-8"))
+    for key in ("model", "nominal", "parameters"):
+        if coming.get(key) != config.get(key):
+            yield f"{DESIGNED}: {key} of {COMING} is not that of {OF}"
+    wanted = [n for n in output_files.DESIGN.files if n.endswith((*ENDS, ".yaml"))]
+    yield from (f"{DESIGNED}: {n} is missing" for n in wanted if not (folder / n).exists())
+
+
 def main() -> int:
     if sys.argv[1:] == ["--check"]:
         problems = list(stale(ROOT))
@@ -104,6 +121,10 @@ def main() -> int:
     results = ROOT / "results"
     for name in configs(ROOT):
         publish(results / name, published(ROOT) / name, output_files.POSTERIOR)
+    shutil.rmtree(published(ROOT) / DESIGNED, ignore_errors=True)
+    shutil.copytree(
+        results / DESIGNED, published(ROOT) / DESIGNED, ignore=shutil.ignore_patterns("*.pdf")
+    )
     records = [path.parent.name for path in (results / PAPER).glob("*/run.json")]
     publish(results / PAPER, published(ROOT) / PAPER, reproduction.files_of(records))
     products.save(ROOT)

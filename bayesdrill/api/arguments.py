@@ -281,8 +281,9 @@ class ExperimentPlanner:
         slew : float, optional
             The largest change of the source per s; by default none.
         limits : str or sequence of str
-            Limits of states or sums of them in SI, such as `"w_2=0:"`, which keeps a motor from
-            turning back, or `"theta_1 - theta_2=-1:1"`.  They hold for 99 % of the draws.
+            Limits of formulas of states, inputs and parameters in SI, for 99 % of the draws.  Examples
+            are `"w_2=0:"`, which keeps a motor from turning back, `"theta_1 - theta_2=-1:1"`, and
+            `"integral(r_m*i**2)=:50"` for the heat over the run.
         family : str, optional
             `free` levels (the default), or `step`, `prbs`, `chirp`, `multisine`, `steps` or `coast`.
         experiments : int

@@ -18,8 +18,8 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.design.knowledge import PresentKnowledge, prior_knowledge
+from bayesdrill.design.limited_motion import LimitCheck
 from bayesdrill.design.responses import ComingExperiment, TargetCovariance
-from bayesdrill.design.search import LimitCheck
 from bayesdrill.design.study import (
     DESIGNED,
     RECORDED,
@@ -45,8 +45,8 @@ LEAST_LOG_ODDS = 1.0  # that a design has, or else it tells nothing
 class ComparedExperiment(ComingExperiment):
     """Describe the same experiment by two models, at `theta (W, D + E)` of both.
 
-    The slopes are those of `rival`, followed by the difference of the signals.  Limits and sources are
-    those of the first model.
+    The slopes are those of `rival`, followed by the difference of the signals.  The source is that of
+    the first model.
     """
 
     rival: ComingExperiment
@@ -56,17 +56,11 @@ class ComparedExperiment(ComingExperiment):
         assert space is not None
         return theta[..., : len(space.free)], theta[..., len(space.free) :]
 
-    def simulate(self, theta: Array, levels: Array) -> tuple[Array, Array]:
-        """Return channels `(W, T, K)` and limited sums `(W, T, L)` of the first model."""
-        return ComingExperiment.simulate(self, self._split(theta)[0], levels)
-
-    def course(self, theta: Array, levels: Array) -> tuple[Array, Array]:
-        """Return slopes `(W, m + 1, T, K)` and limited sums `(W, T, L)`."""
-        signals, limited = self.simulate(theta, levels)
-        other = self._split(theta)[1]
-        difference = signals - self.rival.simulate(other, levels)[0]
-        slopes = self.rival.course(other, levels)[0]
-        return np.concatenate([slopes, difference[:, None]], axis=1), limited
+    def slopes(self, theta: Array, levels: Array) -> Array:
+        """Return slopes `(W, m + 1, T, K)`."""
+        ours, theirs = self._split(theta)
+        difference = self.motion(ours, levels)[0] - self.rival.motion(theirs, levels)[0]
+        return np.concatenate([self.rival.slopes(theirs, levels), difference[:, None]], axis=1)
 
     def whitened(self, slopes: Array, theta: Array) -> Array:
         """Return slopes `(n, T, K)` over the noise of the rival, as `(n, T K)`."""
@@ -86,12 +80,11 @@ def design_against(
     """
     _check_comparable(problem, rival, request)
     ours, theirs = problem.observations[0], rival.observations[0]
-    coming = ComingExperiment.like(ours, request.source, request.limits)
-    other = ComingExperiment.like(theirs, request.source, ())
-    compared = ComparedExperiment(
-        observation=coming.observation, source=coming.source, limits=coming.limits, rival=other
-    )
-    check, rng = LimitCheck(coming, known.checked), seeds.stream(request.seed, "design", 1)
+    coming = ComingExperiment.like(ours, request.source)
+    other = ComingExperiment.like(theirs, request.source)
+    compared = ComparedExperiment(observation=coming.observation, source=coming.source, rival=other)
+    check = LimitCheck.between_samples(coming, request.limits, known.checked)
+    rng = seeds.stream(request.seed, "design", 1)
     start = prior_knowledge(rival, FIRST_STARTS, 0, request.seed)
     precision = np.diag(np.append(start.precision.diagonal(), LEAST_INFORMATION))
     precision = np.tile(precision, (len(known.draws), 1, 1))
@@ -110,7 +103,7 @@ def design_against(
         theta = np.hstack([known.draws, np.concatenate(fits)])
         smooth = problem.model.smooth and rival.model.smooth
         waveforms, levels = search_levels(
-            compared, theta, targets, check, request, rng, progress, smooth=smooth
+            compared, known, targets, check, request, rng, progress, smooth=smooth, theta=theta
         )
         designed.append(levels)
 

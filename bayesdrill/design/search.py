@@ -9,23 +9,19 @@ towards a waveform that keeps all limits, as far as the draws need.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
+from bayesdrill.design.limited_motion import KEPT_SHARE, LimitCheck, LimitPenalty
 from bayesdrill.design.responses import (
-    TOLERANCE,
-    ComingExperiment,
     Evaluation,
     SimulatedSlopes,
     SuperposedPulses,
-    excess,
 )
 from bayesdrill.design.waveforms import FAMILIES
 
-KEPT_SHARE = 0.99  # of the draws have to keep every limit
 PENALTIES = (1e1, 1e3, 1e5)  # weights of squared excesses, in turn
 MAX_ITERATIONS = 120  # of each search with one weight
 COARSE_DRAWS = 2  # of which the criterion is averaged in the searches from all starts
@@ -33,41 +29,7 @@ POLISHED = 2  # best ends of these, from which all draws are searched for
 RANDOM_STARTS = 6  # beside the best waveforms of the usual families
 SWEEPS = 2  # of the exchange through all levels
 EXCHANGED = 5  # levels that are tried in each hold interval
-HALVINGS = 8  # of the way to a waveform that keeps the limits
 CONSTANTS = 13  # constant levels among which a waveform that keeps the limits is sought
-
-
-@dataclass(frozen=True, slots=True)
-class LimitCheck:
-    """A check knows at `theta (W, D)` which draws keep the limits of the rig."""
-
-    coming: ComingExperiment
-    theta: Array
-
-    def kept_share(self, levels: Array) -> float:
-        """Return the share of the draws that keep all limits."""
-        if not self.coming.limits:
-            return 1.0
-        return float(np.mean(~self.broken(levels).any(axis=1)))
-
-    def broken(self, levels: Array) -> Flags:
-        """Return which draws break which limit, `(W, L)`."""
-        limited = self.coming.simulate(self.theta, levels)[1]
-        finite = np.where(np.isfinite(limited), limited, 0.0)
-        allowed = TOLERANCE * np.abs(finite).max(axis=(0, 1), initial=0.0)
-        within = np.abs(excess(limited, self.coming.limits)) <= allowed
-        return np.asarray(~within.all(axis=1))
-
-    def shorten(self, start: Array, end: Array) -> Array:
-        """Return the waveform nearest to `end`, on the way from `start`, that keeps the limits."""
-        if self.kept_share(end) >= KEPT_SHARE:
-            return end
-        low, high = 0.0, 1.0
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            good = self.kept_share(start + middle * (end - start)) >= KEPT_SHARE
-            low, high = (middle, high) if good else (low, middle)
-        return np.asarray(start + low * (end - start))
 
 
 def safe_waveform(check: LimitCheck, repair: Callable[[Array], Array]) -> Array:
@@ -86,7 +48,7 @@ def safe_waveform(check: LimitCheck, repair: Callable[[Array], Array]) -> Array:
     best = repair(constants[int(np.argmax(shares))])
     if check.kept_share(best) >= KEPT_SHARE:
         return best
-    pairs = zip(check.coming.limits, check.broken(best).mean(axis=0), strict=True)
+    pairs = zip(check.limits, check.broken(best).mean(axis=0), strict=True)
     failed = "; ".join(f"{x.describe()} fails in {100 * s:.3g} %" for x, s in pairs if s > 0)
     message = (
         f"no waveform from {source.low:g} to {source.high:g} keeps all limits in 99 % of draws"
@@ -117,13 +79,14 @@ def value(evaluation: Evaluation, levels: Array) -> float:
         return evaluation.targets.criterion(information)[0]
 
 
-def least_excess(evaluation: SuperposedPulses, levels: Array) -> Array:
+def least_excess(penalty: LimitPenalty, levels: Array) -> Array:
     """Return the levels, near to these, that are least beyond the limits."""
-    return _minimise(evaluation, levels, PENALTIES[-1], criterion=False)
+    return _minimise(None, penalty, levels, PENALTIES[-1])
 
 
 def descend(
     evaluation: SuperposedPulses,
+    penalty: LimitPenalty,
     check: LimitCheck,
     safe: Array,
     known: Mapping[str, Array],
@@ -134,22 +97,23 @@ def descend(
     source = evaluation.coming.source
     ranked = sorted(known.values(), key=lambda levels: value(evaluation, levels))
     starts = [*ranked[:2], *_random(evaluation, rng)]
-    coarse, ends = evaluation.with_first(COARSE_DRAWS), [ranked[0]]
+    coarse = evaluation.with_first(COARSE_DRAWS), penalty.with_first(COARSE_DRAWS)
+    ends = [ranked[0]]
     for number, start in enumerate(starts):
         progress(number / (len(starts) + POLISHED))
-        ends.append(check.shorten(safe, source.within(_descend(coarse, start))))
+        ends.append(check.shorten(safe, source.within(_descend(*coarse, start))))
     ends.sort(key=lambda levels: value(evaluation, levels))
     for number, end in enumerate(ends[:POLISHED]):
         progress((len(starts) + number) / (len(starts) + POLISHED))
-        ends.append(check.shorten(safe, source.within(_descend(evaluation, end))))
+        ends.append(check.shorten(safe, source.within(_descend(evaluation, penalty, end))))
     return min(ends, key=lambda levels: value(evaluation, levels))
 
 
-def _descend(evaluation: SuperposedPulses, levels: Array) -> Array:
+def _descend(evaluation: SuperposedPulses, penalty: LimitPenalty, levels: Array) -> Array:
     """Minimise with penalties of increasing weight, if there are limits."""
-    constrained = evaluation.coming.limits or evaluation.coming.source.slew < np.inf
+    constrained = penalty.limits or evaluation.coming.source.slew < np.inf
     for weight in PENALTIES if constrained else PENALTIES[:1]:
-        levels = _minimise(evaluation, levels, weight)
+        levels = _minimise(evaluation, penalty, levels, weight)
     return levels
 
 
@@ -161,26 +125,24 @@ def _random(evaluation: Evaluation, rng: np.random.Generator) -> Iterator[Array]
 
 
 def _minimise(
-    evaluation: SuperposedPulses, start: Array, weight: float, *, criterion: bool = True
+    evaluation: SuperposedPulses | None, penalty: LimitPenalty, start: Array, weight: float
 ) -> Array:
-    """Minimise the criterion plus `weight` times the penalties, or these alone, from `start`."""
+    """Minimise the criterion, if there is one, plus `weight` times the penalties, from `start`."""
     from scipy.optimize import minimize  # late: few commands need it
 
-    source = evaluation.coming.source
+    source = penalty.source
     size, most = max(abs(source.low), abs(source.high)), source.slew * source.interval
 
     def objective(scaled: Array) -> tuple[float, Array]:
         levels = scaled * size
-        total, slope = (
-            evaluation.penalty(levels) if evaluation.coming.limits else (0.0, 0.0 * levels)
-        )
+        total, slope = penalty(levels)
         if most < np.inf:
             steps = np.diff(levels, prepend=0.0) / size
             over = np.sign(steps) * np.maximum(np.abs(steps) - most / size, 0.0)
             total += float(over @ over)
             slope = slope + 2.0 * (over - np.append(over[1:], 0.0)) / size
         total, slope = weight * total, weight * slope
-        if criterion:
+        if evaluation is not None:
             gain, along = evaluation.value_and_slope(levels)
             total, slope = total + gain, slope + along
         return total, slope * size
@@ -220,10 +182,8 @@ def exchange(
                 levels[k] = level
                 if not np.array_equal(source.within(levels), levels):
                     continue
-                if (new := value(evaluation, levels)) < height and (
-                    not np.abs(evaluation.search_excess(levels)).max(initial=0.0) > TOLERANCE
-                    and check.kept_share(levels) >= KEPT_SHARE
-                ):
+                new = value(evaluation, levels)
+                if new < height and check.kept_share(levels) >= KEPT_SHARE:
                     best, height = levels, new
         if height > before - 1e-3:
             break

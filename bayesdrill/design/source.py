@@ -1,22 +1,15 @@
-"""Describe the source of the coming experiment, and the limits of the rig.
-
-The source holds each of its levels for a time, so that a waveform is a vector of levels.  A limit of
-the rig bounds a sum of its states, such as a current, a speed or a twist.
-"""
+"""Describe the source of the coming experiment, whose waveform is a vector of levels held for a time."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import Issue
-from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.record.experiment import raise_if_any, times
-from bayesdrill.rig.models.linear import Model
 
 MAX_LEVELS = 200  # of a waveform: the memory of its information grows with their square
 LEAST_MOTION = 0.05  # share of its range through which a source can go within the experiment
@@ -117,40 +110,3 @@ class SourceLimits:
             ("--rate", samples > MAX_SAMPLES, f"{samples} samples are more than {MAX_SAMPLES}"),
         ]
         raise_if_any([Issue(option, message) for option, broken, message in rules if broken])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RigLimit:
-    """A limit keeps a sum of states, with these `weights`, between `low` and `high`, SI."""
-
-    text: str
-    weights: Mapping[str, float]
-    low: float = -math.inf
-    high: float = math.inf
-
-    def describe(self) -> str:
-        """Return the limit as an inequality."""
-        lower = f"{self.low:g} <= " if self.low > -math.inf else ""
-        upper = f" <= {self.high:g}" if self.high < math.inf else ""
-        return f"{lower}{self.text}{upper}"
-
-
-def parse_limits(texts: Sequence[str], model: Model) -> tuple[RigLimit, ...]:
-    """Return limits such as `w_2=0:` or `theta_1 - theta_2=-1:1`; raises `InputError`."""
-    limits, issues = [], []
-    for text in texts:
-        name, _, ends = text.partition("=")
-        first, colon, last = ends.partition(":")
-        try:
-            low, high = float(first or -math.inf), float(last or math.inf)
-            if not colon or not low < high or not (math.isfinite(low) or math.isfinite(high)):
-                raise ValueError(f"give two ends, the lower first, such as {name or 'SUM'}=0:20")
-            weights = linear_combination(name, model.states)
-            limits.append(RigLimit(text=name.strip(), weights=weights, low=low, high=high))
-        except ValueError as error:
-            shown = str(error)
-            if shown.startswith("could not convert"):
-                shown = f"an end is not a number; write for example {name}=0:20"
-            issues.append(Issue("--limit", f"'{text}': {shown}"))
-    raise_if_any(issues)
-    return tuple(limits)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -16,6 +17,8 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.design import search
 from bayesdrill.design.knowledge import PresentKnowledge
+from bayesdrill.design.limited_motion import LimitCheck, LimitPenalty
+from bayesdrill.design.limits import RigLimit
 from bayesdrill.design.promise import information, present_sds, promise
 from bayesdrill.design.responses import (
     ComingExperiment,
@@ -24,7 +27,8 @@ from bayesdrill.design.responses import (
     SuperposedPulses,
     TargetCovariance,
 )
-from bayesdrill.design.source import RigLimit, SourceLimits
+from bayesdrill.design.source import SourceLimits
+from bayesdrill.design.variants import variant_sds
 from bayesdrill.design.visibility import TargetVisibility, examine_targets
 from bayesdrill.design.waveforms import FREE
 from bayesdrill.inference.posterior import Posterior, Problem
@@ -82,9 +86,10 @@ class ExperimentDesign:
     """A design has `levels (E, S)` of each experiment, and what they promise for each target.
 
     `criteria` are mean log determinants of the targets' covariance by waveform.  `bands (3, T, K)`
-    are quantiles `BAND` of the channels in the first experiment, and `limited (3, T, L)` those of the
-    limited sums.  `kept` is the least share of draws that keep the limits.  `log_odds` against a rival
-    are given in place of targets, by waveform.
+    are quantiles `BAND` of the channels in the first experiment, and `limited (3, t, L)` those of the
+    limited quantities.  `kept` is the least share of draws that keep the limits.  `log_odds` against a
+    rival are given in place of targets, by waveform.  `variants` has sds of the targets by what is
+    changed beside the waveform.
     """
 
     request: DesignRequest
@@ -98,6 +103,7 @@ class ExperimentDesign:
     kept: float
     known_from: str
     draws: int
+    variants: Mapping[str, tuple[float, ...]] = MappingProxyType({})
 
 
 def design_experiment(
@@ -113,11 +119,12 @@ def design_experiment(
     """
     request.source.check()
     report.update(0.0, "responses to pulses of the input")
-    coming = ComingExperiment.like(problem.observations[0], request.source, request.limits)
+    coming = ComingExperiment.like(problem.observations[0], request.source)
     rng = seeds.stream(request.seed, "design", 1)
     visibility = examine_targets(problem, coming, request.learn, known, rng)
     slopes, smooth = visibility.slopes[:, visibility.independent], problem.model.smooth
-    check, batch = search.LimitCheck(coming, known.checked), list[Array]()
+    check = LimitCheck.between_samples(coming, request.limits, known.checked)
+    batch = list[Array]()
     usual = dict[str, Array]()
     precision = np.tile(known.precision, (len(known.draws), 1, 1))
     chosen = TargetCovariance(slopes=slopes, precision=precision)
@@ -131,7 +138,7 @@ def design_experiment(
         before = precision + (information(coming.posterior(*batch), known.draws) if batch else 0.0)
         targets_after = TargetCovariance(slopes=slopes, precision=before)
         waveforms, levels = search_levels(
-            coming, known.draws, targets_after, check, request, rng, progress, smooth=smooth
+            coming, known, targets_after, check, request, rng, progress, smooth=smooth
         )
         usual = usual or waveforms
         batch.append(levels)
@@ -148,29 +155,36 @@ def design_experiment(
     _refuse_hopeless([targets[k] for k in visibility.visible], thresholds)
     report.update(1.0, "")
     criteria = {name: chosen.criterion(x)[0] for name, x in informations.items()}
-    return describe_expected(coming, request, np.array(batch), known, check, targets, criteria)
+    sds = np.array([target.designed for target in targets])
+    variants = variant_sds(problem.observations[0], coming, batch, known, visibility.slopes, sds)
+    design = describe_expected(coming, request, np.array(batch), known, check, targets, criteria)
+    return dataclasses.replace(design, variants=variants)
 
 
 def search_levels(
     coming: ComingExperiment,
-    theta: Array,
+    known: PresentKnowledge,
     targets: TargetCovariance,
-    check: search.LimitCheck,
+    check: LimitCheck,
     request: DesignRequest,
     rng: np.random.Generator,
     progress: Callable[[float], None],
     *,
     smooth: bool,
+    theta: Array | None = None,
 ) -> tuple[dict[str, Array], Array]:
     """Return the usual waveforms by name, and the levels that are requested.
 
-    They are the best for `targets` at `theta (W, D)`; a `smooth` rig is linear in its input.
+    They are the best for `targets` at `theta (W, D)`, by default the draws of what is `known`.  A
+    `smooth` rig is linear in its input.
     """
+    theta = known.draws if theta is None else theta
     evaluation: Evaluation
     if smooth:
         evaluation = pulses = SuperposedPulses(coming, theta, targets)
-        repair: Callable[[Array], Array] = partial(search.least_excess, pulses)
-        improve = partial(search.descend, pulses)
+        penalty = LimitPenalty(check, known.draws)
+        repair: Callable[[Array], Array] = partial(search.least_excess, penalty)
+        improve = partial(search.descend, pulses, penalty)
     else:
         evaluation = simulated = SimulatedSlopes(coming, theta, targets)
         repair, improve = np.copy, partial(search.exchange, simulated)
@@ -186,13 +200,14 @@ def describe_expected(
     request: DesignRequest,
     levels: Array,
     known: PresentKnowledge,
-    check: search.LimitCheck,
+    check: LimitCheck,
     targets: tuple[TargetOutlook, ...] = (),
     criteria: Mapping[str, float] = NOTHING,
     odds: Mapping[str, float] = NOTHING,
 ) -> ExperimentDesign:
     """Return the design with `levels (E, S)`, with the motion that they are expected to cause."""
-    signals, limited = coming.simulate(known.checked, levels[0])
+    signals, _ = coming.motion(known.checked, levels[0])
+    limited = check.limited(known.checked, levels[0])
     return ExperimentDesign(
         request=request,
         levels=levels,

@@ -210,7 +210,7 @@ def _guess_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> tuple[s
     """Return a unit guessed by a word of the head, by steps or by size, and the reason."""
     size, word = float(np.abs(sensor.values).max()), sensor.column.meaning.kind_word
     by_word = f"in which {word!r} is mostly counted"
-    by_size = f"judged judged judged judged judged judged judged judged by its size alone, up to {size:.3g}"
+    by_size = f"judged by its size alone, up to {size:.3g}"
     match sensor.kind:
         case "speed" if word in RPM_WORDS:
             return "rpm", by_word

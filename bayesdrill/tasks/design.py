@@ -17,18 +17,19 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.job import Job
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.design.knowledge import posterior_knowledge, prior_knowledge
+from bayesdrill.design.limits import parse_limits
 from bayesdrill.design.rivals import design_against
-from bayesdrill.design.source import SourceLimits, parse_limits
+from bayesdrill.design.source import SourceLimits
 from bayesdrill.design.study import DesignRequest, ExperimentDesign, design_experiment
 from bayesdrill.design.waveforms import FAMILIES, FREE
 from bayesdrill.output_files import DESIGN, RECORD, numbered
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.section import lines_as_csv
-from bayesdrill.report.sections.design import describe_design, design_figure
+from bayesdrill.report.sections.design import describe_design, design_csv, design_figure
 from bayesdrill.sampling.workers import ONE_THREAD
 from bayesdrill.tasks.text_folder import save_text
 
-WAVEFORM, COMING = "waveform.csv", "coming.yaml"
+WAVEFORM, COMING, SDS = "waveform.csv", "coming.yaml", "design.csv"
 LEVELS = 40  # number of levels of a waveform, unless a hold time is given
 CHECKED_DRAWS = 200  # number of draws at which the limits are checked
 DIGITS = 6  # significant digits of a level in the waveform's file
@@ -89,6 +90,8 @@ class Designed(Value):
         job, width = self.job, WIDTHS[self.job.config.output.size]
         title = f"The next experiment of {job.config.name}"
         others = {WAVEFORM: self.waveform_csv(), COMING: coming_config(job, self.design)}
+        if self.design.targets:
+            others[SDS] = design_csv(self.design)
         place = save_text(
             folder,
             DESIGN,
@@ -99,7 +102,7 @@ class Designed(Value):
             others,
             force=force,
         )
-        return f"{place}/ ({WAVEFORM}, {COMING}, {DESIGN.mark}, figures/)"
+        return f"{place}/ ({', '.join(others)}, {DESIGN.mark}, figures/)"
 
     def waveform_csv(self) -> str:
         """Return the waveform as CSV: the time at which each level begins [s], and the level.
@@ -145,7 +148,9 @@ def design(
         )
     request = DesignRequest(
         source=_source(job, options),
-        limits=parse_limits(limits, problem.model),
+        limits=parse_limits(
+            limits, problem.model.states, problem.model.inputs, problem.posterior.space.model
+        ),
         learn=tuple(learn),
         family=family,
         experiments=experiments,

@@ -6,7 +6,6 @@ ends of these.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,36 +18,9 @@ import bayesdrill as bd
 from bayesdrill.design.responses import ComingExperiment
 from bayesdrill.design.targets import parse_targets
 from bayesdrill.output_files import numbered
+from benchmarks.rates.design_cases import BOTH_WAYS, FORWARD, LIMITED, changed
 
-CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 FITS = 4
-SAMPLER = {"ensembles": 4, "walkers": 64, "r_hat": 1.03, "n_tau": 20, "ess": 1000}
-BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-SIGMA = {"prior": "log_uniform", "low": 0.01, "high": 1.0}
-FORWARD: Mapping[str, Any] = {"high": 12.0, "limits": "w_2=0:"}
-BOTH_WAYS: Mapping[str, Any] = {"low": -12.0, "high": 12.0, "hold": 0.5, "learn": ("t_cm", "c_m")}
-
-
-def changed(case: str) -> bd.Case:
-    """Return the bundled case with another noise, fewer channels, or dry friction."""
-    job = bd.load(CONFIG).job
-    data = copy.deepcopy(dict(job.source.data))
-    channels = data["record"]["channels"]
-    data["sampler"] = SAMPLER
-    if case == "bundled":
-        return bd.Case(job.with_data(data))
-    data["parameters"] = data["parameters"] | {"c_m": "nominal"}
-    if case == "unknown noise":
-        channels.update({name: spec | {"sigma": SIGMA} for name, spec in channels.items()})
-    if case == "AR(1)":
-        channels.update({name: spec | {"noise": "ar1"} for name, spec in channels.items()})
-    if case == "two channels":
-        data["record"]["channels"] = {name: channels[name] for name in ("theta_1", "w_2")}
-    if case == "friction":
-        friction = {"t_cm": {"prior": "log_uniform", "low": 0.01, "high": 0.2}, "c_m": BOX}
-        held = dict.fromkeys(data["parameters"], "nominal") | {"t_f": 1e-6, "k_s": BOX}
-        data["parameters"] = held | friction
-    return bd.Case(job.with_data(data))
 
 
 def achieved(
@@ -62,7 +34,7 @@ def achieved(
     designed.save(folder, force=True)
     problem, request = case.job.problem, designed.design.request
     known = [target for target in designed.design.targets if target.designed < 0.2 * target.now]
-    coming = ComingExperiment.like(problem.observations[0], request.source, ())
+    coming = ComingExperiment.like(problem.observations[0], request.source)
     batch = designed.design.levels
     posterior = coming.posterior(*batch)
     space, rng = posterior.space, np.random.default_rng(5)
@@ -99,7 +71,8 @@ def achieved(
         ("AR(1)", FORWARD),
         ("two channels", FORWARD),
         ("two experiments", {**FORWARD, "duration": 5.0, "experiments": 2}),
-        ("friction", BOTH_WAYS),
+        ("friction", {**BOTH_WAYS, "learn": ("t_cm", "c_m")}),
+        ("servo", LIMITED),
     ],
 )
 def test_sampled_refits_have_the_promised_sds(

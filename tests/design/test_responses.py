@@ -10,8 +10,10 @@ from support.array_cases import two
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.design.limited_motion import LimitCheck, LimitPenalty
+from bayesdrill.design.limits import parse_limits
 from bayesdrill.design.responses import ComingExperiment, SuperposedPulses, TargetCovariance
-from bayesdrill.design.source import SourceLimits, parse_limits
+from bayesdrill.design.source import SourceLimits
 from bayesdrill.design.targets import gradients, parse_targets
 
 SOURCE = SourceLimits(input="v", low=0.0, high=12.0, hold=0.5, duration=4.0, rate=40.0)
@@ -22,8 +24,7 @@ def evaluation(case: bd.Case, names: tuple[str, ...] = ("k_s", "t_f")) -> Superp
     problem = case.job.problem
     space = problem.posterior.space
     draws = space.draw(3, np.random.default_rng(1))
-    limits = parse_limits(["w_2=0:20", "theta_1 - theta_2=-2:2"], problem.model)
-    coming = ComingExperiment.like(problem.observations[0], SOURCE, limits)
+    coming = ComingExperiment.like(problem.observations[0], SOURCE)
     slopes = gradients(parse_targets(problem, names, draws), space, draws)
     precision = np.diag(SensitivityStudy(problem.posterior.likelihood).prior_spreads ** -2.0)
     return SuperposedPulses(coming, draws, TargetCovariance(slopes=slopes, precision=precision))
@@ -60,7 +61,7 @@ def test_the_information_is_that_of_differences_of_signals() -> None:
     columns = []
     for k in range(2):
         moved = [theta * np.exp(sign * step * np.eye(2)[k]) for sign in (1.0, -1.0)]
-        up, down = (each.coming.simulate(point, LEVELS)[0] for point in moved)
+        up, down = (each.coming.motion(point, LEVELS)[0] for point in moved)
         columns.append(((up - down) / (2 * step) / sigma).reshape(3, -1))
     rows = np.stack(columns, axis=2)
     expected = rows.swapaxes(1, 2) @ rows
@@ -71,8 +72,15 @@ def test_slopes_of_the_criterion_and_of_penalties_are_those_of_differences() -> 
     each, step = small(), 1e-5
     value, slope = each.value_and_slope(LEVELS)
     assert np.isclose(value, each.targets.criterion(each.information(LEVELS))[0])
-    assert each.penalty(LEVELS)[0] > 0.0
-    for function, tolerance in ((each.value_and_slope, 1e-6), (each.penalty, 1e-6)):
+    posterior, model = two().job.problem.posterior, two().job.problem.model
+    texts = "w_2=0:20", "theta_1 - theta_2=-2:2", "integral(v*i)=:20", "k_s*w_1**2=:5", "v*i=:9"
+    limits = parse_limits(texts, model.states, ("v",), posterior.space.model)
+    draws = posterior.space.draw(3, np.random.default_rng(1))
+    check = LimitCheck.between_samples(each.coming, limits, draws)
+    penalty = LimitPenalty(check, draws)
+    assert check.coming.source.rate > each.coming.source.rate
+    assert check.broken(LEVELS).all()
+    for function, tolerance in ((each.value_and_slope, 1e-6), (penalty, 1e-6)):
         slope = function(LEVELS)[1]
         moves = step * np.eye(len(LEVELS))
         pairs = [(function(LEVELS + m)[0], function(LEVELS - m)[0]) for m in moves]

@@ -54,6 +54,22 @@ def test_limits_and_slew_are_kept_and_the_same_seed_gives_the_same_design() -> N
     np.testing.assert_array_equal(designed.levels, again.levels)
 
 
+def test_the_heat_over_the_run_is_limited_and_used() -> None:
+    """Heat in the winding, integrated on a finer grid of another solver, is what the limit allows."""
+    case, allowed = two(), 20.0
+    numbers = {"high": 12.0, "hold": 0.5, "draws": 1}
+    designed = case.design(limits=f"integral(r_m*i**2)=:{allowed}", **numbers)
+    source, values = designed.design.request.source, {**NOMINAL, **bd.nominal()}
+    t = np.linspace(0.0, source.t[-1], 100 * (len(source.t) - 1) + 1)
+    held = np.minimum((t / source.interval + 1e-9).astype(int), source.count - 1)
+    inputs = {"v": designed.levels[held], "t_1": 0.0}
+    i = bd.respond(bd.MotorShaft(i_m=1 / 8), values, t, inputs, ["i"])["i"]
+    assert np.trapezoid(values["r_m"] * i**2, t) == pytest.approx(allowed, rel=0.05)
+    free = case.design(**numbers).design.criteria["designed"]
+    assert designed.design.criteria["designed"] > free
+    assert designed.design.kept >= 0.99
+
+
 def test_the_coming_record_keeps_the_promise(tmp_path: Path) -> None:
     """A record of the waveform is simulated, and the written config fits it as promised."""
     bd.example(tmp_path / "configs")

@@ -31,7 +31,7 @@ def test_a_design_is_printed_and_written(tmp_path: Path) -> None:
     ):
         assert text in result.out
     figures = {"figures", "figures/design.pdf", "figures/design.png"}
-    assert {*listing(out)} == {"waveform.csv", "coming.yaml", "design.md"} | figures
+    assert {*listing(out)} == {"waveform.csv", "coming.yaml", "design.csv", "design.md"} | figures
     waveform = np.genfromtxt(out / "waveform.csv", delimiter=",", names=True)
     assert waveform["t"][-1] == 5.0
     assert 0.0 <= waveform["v"].min() < waveform["v"].max() <= 12.0
@@ -91,7 +91,12 @@ def test_the_waveform_has_no_rests_of_rounding() -> None:
         ("--hold 0.01", "shorter than a sample at 20 Hz"),
         ("--high 12 --slew 0.01", "the source is too slow"),
         ("--limit w_2=5:5", "give two ends, the lower first"),
-        ("--limit w_3=0:", "'w_3' is not a state; did you mean"),
+        ("--limit w_3=0:", "'w_3' is not a known name; did you mean"),
+        ("--limit integral(k_s)=:3", "name at least one of the states theta_1"),
+        (
+            "--low 6 --high 12 --limit integral(r_m*i**2)=:0.001",
+            "no waveform from 6 to 12 keeps all limits in 99 % of draws (integral(r_m*i**2) <= 0.001",
+        ),
         ("--learn k_x", "'k_x' is not a known name; did you mean"),
         ("--learn k_s", "k_s depends on no unknown of the rig"),
         ("--family sweep", "sweep is none of free, step"),

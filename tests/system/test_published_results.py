@@ -20,7 +20,7 @@ def tree(tmp_path: Path) -> Path:
     (tmp_path / "configs" / "records").mkdir(parents=True)
     for name in ("nominal_step.yaml", "records/nominal_step.csv"):
         shutil.copyfile(ROOT / "configs" / name, tmp_path / "configs" / name)
-    for name in ("nominal_step", results.PAPER):
+    for name in ("nominal_step", results.DESIGNED, results.PAPER):
         shutil.copytree(results.published(ROOT) / name, results.published(tmp_path) / name)
     assert list(results.stale(tmp_path)) == []
     return tmp_path
@@ -94,3 +94,12 @@ def test_the_figure_of_products_shows_what_is_published(tree: Path) -> None:
     assert list(products.stale(tree)) == [
         "docs/figures/products.png is not of the published tables"
     ]
+
+
+def test_a_design_of_other_priors_or_without_its_table_is_found(tree: Path) -> None:
+    change(tree / "configs" / "nominal_step.yaml", "  c_m: {", "  c_m: 1.0e-3 #{")
+    (results.published(tree) / results.DESIGNED / "design.csv").unlink()
+    assert {*results.stale(tree)} >= {
+        "nominal_step_designed: parameters of coming.yaml is not that of nominal_step",
+        "nominal_step_designed: design.csv is missing",
+    }

@@ -15,7 +15,7 @@ from bayesdrill.design.waveforms import FREE
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import build_page, legend_above
-from bayesdrill.report.section import aligned, listed
+from bayesdrill.report.section import aligned, lines_as_csv, listed
 from bayesdrill.report.sections.identifiability import percent
 from bayesdrill.report.style import Axes, Figure
 
@@ -33,7 +33,7 @@ CRITERION = "log det"
 def describe_design(design: ExperimentDesign) -> str:
     """Return the whole text of a design for the terminal."""
     parts = [_opening(design), design_table(design), target_sentences(design)]
-    parts += [odds_sentence(design), _limits(design)]
+    parts += [odds_sentence(design), _limits(design), _variants(design)]
     return "\n\n".join(filter(None, parts))
 
 
@@ -116,6 +116,25 @@ def _limits(design: ExperimentDesign) -> str:
     return f"{100 * design.kept:.3g} % of the draws keep the limits {limits}"
 
 
+def _variants(design: ExperimentDesign) -> str:
+    """Return the table of sds for the same waveform with other channels, rates, times and repeats."""
+    if not design.variants:
+        return ""
+    head = ("", *(target.name for target in design.targets))
+    rows = [(f"  {name}", *map(percent, sds)) for name, sds in design.variants.items()]
+    title = "relative sds after the same waveform with other channels, rates, times or repeats:"
+    return f"{title}\n{aligned([head, *rows], left={0})}"
+
+
+def design_csv(design: ExperimentDesign) -> str:
+    """Return relative sds as CSV: a column for each target, a row for each waveform and variant."""
+    names = [target.name for target in design.targets]
+    rows = [[n, *(t.after[n] for t in design.targets)] for n in design.criteria]
+    rows = [["now", *(t.now for t in design.targets)], *rows]
+    rows += [[name, *sds] for name, sds in design.variants.items()]
+    return lines_as_csv([["experiment", *names], *rows])
+
+
 def design_figure(
     design: ExperimentDesign, problem: Problem, width: float = scales.DOUBLE
 ) -> Figure:
@@ -140,7 +159,8 @@ def design_figure(
                 "now": style.PRIOR_LINE,
             }
         for panel, (label, band, ends) in zip(panels[1:], panels_of, strict=True):
-            _response(panel, source.t, time, label, band, ends)
+            t = np.linspace(0.0, source.t[-1], band.shape[1])
+            _response(panel, t, time, label, band, ends)
         if design.request.limits:
             looks["limit"] = LIMIT_LINE
         return legend_above(figure, looks)
@@ -180,7 +200,8 @@ def _responses(
     for k, limit in enumerate(limits):
         if limit.text in ends:
             known: Mapping[str, Symbol] = problem.model.symbols
-            plain = Symbol(limit.text, "", rf"\mathrm{{{limit.text}}}".replace("_", r"\_"), "", "")
+            shown = limit.text.replace("_", r"\_").replace("**", "^").replace("*", r"\,")
+            plain = Symbol(limit.text, "", rf"\mathrm{{{shown}}}", "", "")
             yield known.get(limit.text, plain), design.limited[..., k], ends[limit.text]
 
 

@@ -1,0 +1,168 @@
+"""Check the limits of a rig between the samples of its record, and penalise waveforms beyond them."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.basics.duals import Dual
+from bayesdrill.design.limits import RigLimit, excess
+from bayesdrill.design.responses import ComingExperiment
+
+KEPT_SHARE = 0.99  # of the draws have to keep every limit
+TOLERANCE = 1e-6  # of a limit, over the size of what it limits
+HALVINGS = 8  # of the way to a waveform that keeps the limits
+FINEST = 8000  # most samples at which limits are checked, unless the record has more
+CHANGED = 0.01  # of a limited quantity, between which two rates are fine enough
+SEARCH_TIMES = 250  # times at which limits are kept in a search, at least; all count at its end
+
+
+@dataclass(frozen=True, slots=True)
+class LimitCheck:
+    """A check knows which draws `theta (W, D)` keep the limits of the rig.
+
+    `coming` is the experiment at a rate that shows peaks and integrals of the limited quantities.
+    """
+
+    coming: ComingExperiment
+    limits: tuple[RigLimit, ...]
+    theta: Array
+
+    @classmethod
+    def between_samples(
+        cls, coming: ComingExperiment, limits: tuple[RigLimit, ...], theta: Array
+    ) -> LimitCheck:
+        """Double the rate until the extremes under the largest swings of the source settle."""
+        check, source = cls(coming, limits, theta), coming.source
+        levels = np.where(np.arange(source.count) % 2, source.low, source.high)
+        sizes = check._sizes(levels)
+        while limits and 2 * len(source.t) <= FINEST:
+            source = dataclasses.replace(source, hold=source.interval, rate=2.0 * source.rate)
+            check = cls(ComingExperiment.like(coming.observation, source), limits, theta)
+            before, sizes = sizes, check._sizes(levels)
+            if (np.abs(sizes - before) <= CHANGED * sizes).all():
+                break
+        return check
+
+    def _sizes(self, levels: Array) -> Array:
+        few = self.theta[:4]
+        return np.abs(self.limited(few, levels)).max(axis=(0, 1), initial=1e-300)
+
+    def limited(self, theta: Array, levels: Array) -> Array:
+        """Return the limited quantities `(W, T, L)` at draws `theta (W, D)`."""
+        states = self.coming.motion(theta, levels)[1]
+        driven = self.coming.source.series(levels)[:, None]
+        named = self.named(theta, states[..., None, :], driven[None])
+        courses = [limit.course(*named, self.interval) for limit in self.limits]
+        return np.concatenate([*courses, states[..., :0]], axis=-1)
+
+    @property
+    def interval(self) -> float:
+        """Return the time between two of the samples [s]."""
+        return 1.0 / self.coming.source.rate
+
+    def named(
+        self, theta: Array, states: Any, driven: Any
+    ) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+        """Return the states `(..., X)`, the driven input, and constants `(W, 1, 1)` by name."""
+        observation = self.coming.observation
+        assert observation.space is not None
+        named = observation.space.named(theta).items()
+        constant = {name: np.reshape(x, (-1, 1, 1)) for name, x in named}
+        moving = {n: states[..., k] for k, n in enumerate(observation.response.model.states)}
+        inputs = {self.coming.source.input: driven}
+        return moving, inputs, {**observation.experiment.constant, **constant}
+
+    def kept_share(self, levels: Array) -> float:
+        """Return the share of the draws that keep all limits."""
+        if not self.limits:
+            return 1.0
+        return float(np.mean(~self.broken(levels).any(axis=1)))
+
+    def broken(self, levels: Array) -> Flags:
+        """Return which draws break which limit, `(W, L)`."""
+        limited = self.limited(self.theta, levels)
+        finite = np.where(np.isfinite(limited), limited, 0.0)
+        allowed = TOLERANCE * np.abs(finite).max(axis=(0, 1), initial=0.0)
+        within = np.abs(excess(limited, self.limits)) <= allowed
+        return np.asarray(~within.all(axis=1))
+
+    def shorten(self, start: Array, end: Array) -> Array:
+        """Return the waveform nearest to `end`, on the way from `start`, that keeps the limits."""
+        if self.kept_share(end) >= KEPT_SHARE:
+            return end
+        low, high = 0.0, 1.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            good = self.kept_share(start + middle * (end - start)) >= KEPT_SHARE
+            low, high = (middle, high) if good else (low, middle)
+        return np.asarray(start + low * (end - start))
+
+
+class LimitPenalty:
+    """The penalty of a linear rig squares excesses of its limits, at draws `theta (W, D)`.
+
+    States are linear in the levels, so that integrals of powers are quadratic forms.  Other limits
+    count at some times of each hold interval, which are closer to each other at its beginning.
+    """
+
+    def __init__(self, check: LimitCheck, theta: Array) -> None:
+        self._check, self._theta = check, theta
+        self.limits, self.source = check.limits, check.coming.source
+        source = self.source
+        per_level, count = source.samples_of_level, source.count
+        many = max(4, SEARCH_TIMES // count)
+        spaced = [space(1, per_level, many // 2) for space in (np.linspace, np.geomspace)]
+        nodes = np.unique(np.concatenate(spaced).round().astype(int))
+        times = (np.arange(count)[:, None] * per_level + nodes).ravel()
+        self._pulses = np.insert(source.series(np.eye(count)).T, 0, 0.0, axis=1)  # (T, S + 1)
+        states, forms = zip(
+            *(self._draw(theta[[w]], times) for w in range(len(theta))), strict=True
+        )
+        self._states, self._forms, self._times = np.stack(states), np.stack(forms), times
+        ends = check.limited(theta, np.full(count, max(source.low, source.high, key=abs)))
+        self._size = np.maximum(np.abs(ends).max(axis=(0, 1), initial=0.0), 1e-300)
+
+    def _draw(self, theta: Array, times: Array) -> tuple[Array, Array]:
+        """Return states `(t, S + 1, X)` at some times, and forms `(L, S + 1, S + 1)` of integrals."""
+        check, count = self._check, self._check.coming.source.count
+        still, *pulses = (check.coming.motion(theta, u)[1][0] for u in np.eye(count + 1)[:, 1:])
+        states = np.stack([still, *(pulse - still for pulse in pulses)], axis=1)
+        moving, driven, constant = check.named(theta, states, self._pulses)
+        forms = np.zeros((len(check.limits), count + 1, count + 1))
+        for limit, form in zip(check.limits, forms, strict=True):
+            if limit.integral:
+                form[:] = limit.quadratic_form(moving, driven, constant, check.interval)
+        return states[times], forms
+
+    def with_first(self, draws: int) -> LimitPenalty:
+        """Return the penalty at the first draws alone, which is faster."""
+        fewer = copy.copy(self)
+        fewer._theta, fewer._states = self._theta[:draws], self._states[:draws]
+        fewer._forms = self._forms[:draws]
+        return fewer
+
+    def __call__(self, levels: Array) -> tuple[float, Array]:
+        """Return squared excesses over the sizes of quantities, and the slope by levels, `(S,)`."""
+        x, pulses = np.append(1.0, levels), self._pulses[self._times]
+        motion = Dual((x @ self._states)[:, :, None], self._states[:, :, 1:])
+        driven = Dual((pulses @ x)[None, :, None], pulses[None, :, 1:])
+        named = self._check.named(self._theta, motion, driven)
+        total, slope = 0.0, np.zeros(len(levels))
+        for number, (limit, size) in enumerate(zip(self.limits, self._size, strict=True)):
+            if limit.integral:
+                along = self._forms[:, number] @ x
+                value, slopes = along @ x, 2.0 * along[:, 1:]
+            else:
+                course = limit.course(*named, self._check.interval)
+                value, slopes = course.value[..., 0], course.slope
+            beyond = excess(value[..., None], (limit,))[..., 0] / size
+            where = np.nonzero(beyond)
+            total += float(beyond[where] @ beyond[where])
+            slope += 2.0 * (beyond[where] @ slopes[where]) / size
+        return total, slope
