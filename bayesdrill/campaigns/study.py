@@ -73,11 +73,11 @@ def run_campaign(
             raise InputError.at("--page", message)
     problems = None if known is None else list[Issue]()
     with Folder(output, how, _marks(plan), CAMPAIGN) as folder:
-        checked = check_runs(plan, report, problems, known)
-        if len(checked.digests) < LEAST_RUNS:
-            raise _too_few(plan, len(checked.digests), problems or [])
-        report.say(pages.describe_plan(plan, checked.notes))
-        job = base_job(plan, checked)
+        digests, notes = check_runs(plan, report, problems, known)
+        if len(digests) < LEAST_RUNS:
+            raise _too_few(plan, len(digests), problems or [])
+        report.say(pages.describe_plan(plan, notes))
+        job = base_job(plan, digests)
         folder.begin(status="running", seed=plan.spec.seed, versions=software.installed_versions())
         folder.write_text("campaign.yaml", plan.source.text)
 
@@ -87,7 +87,7 @@ def run_campaign(
 
         with interruptions(folder, progress, (InputError,)):
             reference = _reference(job, folder, crew, report)
-            marks = fits.draws_marks(checked.digests, reference)
+            marks = fits.draws_marks(digests, reference)
             fits.fit_runs(plan, job, reference, marks, output, crew, report)
             return _publish(
                 plan, job, reference, marks, folder, problems or [], asked, crew, report
