@@ -22,7 +22,7 @@ from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_popu
 from bayesdrill.campaigns.fits import Reference
 from bayesdrill.campaigns.pages import CampaignRecord, concluded
 from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs, run_job
-from bayesdrill.campaigns.run_pages import page_links, write_page
+from bayesdrill.campaigns.run_pages import known_reasons, write_page
 from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan
 from bayesdrill.config.job import Job
 from bayesdrill.output_files import CAMPAIGN, DRAWS
@@ -171,8 +171,7 @@ def _publish(
             write_page(made, reference, outcome, marks[run.name], folder, crew, report)
     for name in {*asked} - {*outcomes, OUTLIERS}:
         report.say(f"{name} has no page, as none of its draws can be used")
-    known = page_links(folder.path, marks, [*outcomes])
-    reasons = {name: page.reason for name, page in known.items()}
+    reasons = known_reasons(folder.path, {name: marks[name] for name in outcomes})
     not_used |= {issue.place: issue.message for issue in problems}
     doubts, misfit = (
         {run.name: each for run, fitted in used if (each := getattr(fitted, name))}
