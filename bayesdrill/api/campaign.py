@@ -71,8 +71,7 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
         from bayesdrill.campaigns import records
         from bayesdrill.campaigns.pages import describe_plan
 
-        checked = records.check_runs(self.plan, report or SILENT)
-        return describe_plan(self.plan, checked.notes)
+        return describe_plan(self.plan, records.check_runs(self.plan, report or SILENT)[1])
 
     def _run(
         self, path: Path, how: WriteMode, crew: RefitExecutor, report: Reporter

@@ -33,14 +33,6 @@ FACTOR_TOLERANCE = 0.05  # relative; runs of one rig that scatter by more hide s
 
 
 @dataclass(frozen=True, slots=True)
-class CheckedRuns:
-    """All records are read: `digests` of all that decides the draws of each run, and `notes`."""
-
-    digests: Mapping[str, str]
-    notes: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class KnownRecord:
     """A record with this stamp (see `stamp_of`) has a digest, unknowns, and sds of its channels."""
 
@@ -53,12 +45,12 @@ class KnownRecord:
 KnownRecords = dict[str, KnownRecord]  # by run
 
 
-def base_job(plan: CampaignPlan, checked: CheckedRuns) -> Job:
+def base_job(plan: CampaignPlan, digests: Mapping[str, str]) -> Job:
     """Return the job of the base config with its own record, or that of the first run without one."""
     case = loading.validate(plan.base)
     if all(path.exists() for path in sources.paths(case.experiments[0])):
         return assemble(case)
-    return run_job(plan, next(run for run in plan.runs if run.name in checked.digests))
+    return run_job(plan, next(run for run in plan.runs if run.name in digests))
 
 
 def run_case(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None) -> ResolvedCase:
@@ -101,8 +93,10 @@ def check_runs(
     report: Reporter,
     problems: list[Issue] | None = None,
     known: KnownRecords | None = None,
-) -> CheckedRuns:
+) -> tuple[dict[str, str], tuple[str, ...]]:
     """Read all records; raises `InputError` with the mistakes of all runs.
+
+    Return a digest of all that decides the draws of each run, and notes.
 
     With a list of `problems`, mistakes are added to it instead.  Records that are in `known`, to which
     new ones are added, are not read again unless they have changed.
@@ -145,7 +139,7 @@ def check_runs(
         )
         raise InputError([plan.source.issue(("leave_out",), message), *issues])
     digests, sds = ({name: getattr(records[name], x) for name in good} for x in ("digest", "sds"))
-    return CheckedRuns(digests, (*plan.notes, *_exchanged_units(sds)))
+    return digests, (*plan.notes, *_exchanged_units(sds))
 
 
 def stamp_of(path: Path) -> tuple[int, ...]:

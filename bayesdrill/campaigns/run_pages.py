@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,16 +49,16 @@ def page_name(run: str) -> str:
     return f"{PAGES}/{fits.number_of(run)}.html"
 
 
-def read_page(folder: Path, run: str, mark: str) -> RunPage | None:
-    """Return what the page of a run says; None if there is none of these draws."""
-    path = (folder / page_name(run)).with_suffix(".json")
-    if not path.exists():
-        return None
-    try:
-        page = load_record(path, RunPage, FORM)[0]
-    except InputError:
-        return None
-    return page if (page.run, page.mark) == (run, mark) else None
+def known_reasons(folder: Path, marks: Mapping[str, str]) -> dict[str, str]:
+    """Return what the pages say of runs whose draws have these marks; other pages count as none."""
+    reasons = dict[str, str]()
+    for run, mark in marks.items():
+        path = (folder / page_name(run)).with_suffix(".json")
+        if path.exists():
+            with suppress(InputError):
+                page = load_record(path, RunPage, FORM)[0]
+                reasons |= {run: page.reason} if (page.run, page.mark) == (run, mark) else {}
+    return reasons
 
 
 def write_page(
@@ -77,11 +78,7 @@ def write_page(
     left = conclusions.residuals(job, mode)
     causes = conclusions.causes(job, mode, left, crew.submit, report)
     reason = likely_reason(outcome, causes)
-    rows = zip(
-        reference.products,
-        *(outcome.alone, outcome.alone_sd, outcome.shrunk, outcome.shrunk_sd),
-        strict=True,
-    )
+    numbers = (outcome.alone, outcome.alone_sd, outcome.shrunk, outcome.shrunk_sd)
     table = table_of(
         (
             {
@@ -91,7 +88,9 @@ def write_page(
                 "in the population": f"{np.exp(shrunk):.4g}",
                 "+- there": f"{100 * shrunk_sd:.2g} %",
             }
-            for product, alone, alone_sd, shrunk, shrunk_sd in rows
+            for product, alone, alone_sd, shrunk, shrunk_sd in zip(
+                reference.products, *numbers, strict=True
+            )
         ),
         "",
     )
@@ -121,15 +120,8 @@ def write_page(
 def likely_reason(outcome: RunOutcome, causes: Causes | None) -> str:
     """Return why a run does not belong or does not fit, in words; an empty text if it does both."""
     if causes is None:
-        fits_alone = "its record fits by itself, so the rig or its state was another"
-        return fits_alone if outcome.outlier else ""
-    best = causes.best
-    if best is None:
+        alone = "its record fits by itself, so the rig or its state was another"
+        return alone if outcome.outlier else ""
+    if causes.best is None:
         return "nothing that was tried explains its record"
-    return f"its record is explained by {best.about}"
-
-
-def page_links(folder: Path, marks: Mapping[str, str], runs: Sequence[str]) -> dict[str, RunPage]:
-    """Return the pages that exist of these runs, with the marks of their draws."""
-    known = {run: read_page(folder, run, marks[run]) for run in runs}
-    return {run: page for run, page in known.items() if page is not None}
+    return f"its record is explained by {causes.best.about}"

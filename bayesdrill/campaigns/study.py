@@ -22,7 +22,7 @@ from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_popu
 from bayesdrill.campaigns.fits import Reference
 from bayesdrill.campaigns.pages import CampaignRecord, concluded
 from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs, run_job
-from bayesdrill.campaigns.run_pages import page_links, write_page
+from bayesdrill.campaigns.run_pages import known_reasons, write_page
 from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan
 from bayesdrill.config.job import Job
 from bayesdrill.output_files import CAMPAIGN, DRAWS
@@ -73,11 +73,11 @@ def run_campaign(
             raise InputError.at("--page", message)
     problems = None if known is None else list[Issue]()
     with Folder(output, how, _marks(plan), CAMPAIGN) as folder:
-        checked = check_runs(plan, report, problems, known)
-        if len(checked.digests) < LEAST_RUNS:
-            raise _too_few(plan, len(checked.digests), problems or [])
-        report.say(pages.describe_plan(plan, checked.notes))
-        job = base_job(plan, checked)
+        digests, notes = check_runs(plan, report, problems, known)
+        if len(digests) < LEAST_RUNS:
+            raise _too_few(plan, len(digests), problems or [])
+        report.say(pages.describe_plan(plan, notes))
+        job = base_job(plan, digests)
         folder.begin(status="running", seed=plan.spec.seed, versions=software.installed_versions())
         folder.write_text("campaign.yaml", plan.source.text)
 
@@ -87,7 +87,7 @@ def run_campaign(
 
         with interruptions(folder, progress, (InputError,)):
             reference = _reference(job, folder, crew, report)
-            marks = fits.draws_marks(checked.digests, reference)
+            marks = fits.draws_marks(digests, reference)
             fits.fit_runs(plan, job, reference, marks, output, crew, report)
             return _publish(
                 plan, job, reference, marks, folder, problems or [], asked, crew, report
@@ -171,8 +171,7 @@ def _publish(
             write_page(made, reference, outcome, marks[run.name], folder, crew, report)
     for name in {*asked} - {*outcomes, OUTLIERS}:
         report.say(f"{name} has no page, as none of its draws can be used")
-    known = page_links(folder.path, marks, [*outcomes])
-    reasons = {name: page.reason for name, page in known.items()}
+    reasons = known_reasons(folder.path, {name: marks[name] for name in outcomes})
     not_used |= {issue.place: issue.message for issue in problems}
     doubts, misfit = (
         {run.name: each for run, fitted in used if (each := getattr(fitted, name))}

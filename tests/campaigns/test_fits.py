@@ -110,9 +110,9 @@ def test_a_failed_run_is_sampled_again_with_another_seed_until_it_has_been_tried
             said.append(text)
 
     monkeypatch.setattr(fits, "fit_run", fit_run)
-    checked = records.check_runs(plan, SILENT)
-    job = records.base_job(plan, checked)
-    marks = fits.draws_marks(checked.digests, REFERENCE)
+    digests, _ = records.check_runs(plan, SILENT)
+    job = records.base_job(plan, digests)
+    marks = fits.draws_marks(digests, REFERENCE)
 
     def sample() -> int:
         before = len(seeds)
@@ -143,8 +143,8 @@ def test_a_new_run_is_compared_with_the_unknowns_of_those_before(plan: CampaignP
     first = dataclasses.replace(plan, runs=plan.runs[:3])
     records.check_runs(first, SILENT, problems, known)
     held = dataclasses.replace(plan.runs[3], changes={"parameters": {"j_1": "nominal"}})
-    checked = records.check_runs(
+    digests, _ = records.check_runs(
         dataclasses.replace(plan, runs=(*plan.runs[:3], held)), SILENT, problems, known
     )
-    assert [*checked.digests] == ["run_1", "run_2", "run_3"]
+    assert [*digests] == ["run_1", "run_2", "run_3"]
     assert "has no unknown j_1" in problems[0].message
