@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from support.servo_oracle import Servo
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.plausibility import plausibility_of_course
+from bayesdrill.analysis.suspicions import find_reference
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.experiment import Channel, Experiment
@@ -241,3 +244,19 @@ def test_check_says_how_often_a_servo_saturates(limited: bool) -> None:
     assert 3.0 < share < 50.0
     said = "saturates in" if limited else "Name limit_arm"
     assert said in finding_sentences([finding])[0]
+
+
+def test_a_goal_that_the_angle_follows_is_no_reference_in_place_of_a_voltage() -> None:
+    """The advice to record a voltage instead would be wrong: the loop is in the model."""
+    t = 0.01 * np.arange(401)
+    goal = np.sin(2.0 * t)
+    y = bd.respond(with_named(ARM, [*PLAIN]), PLAIN, t, {"goal_arm": goal}, ["theta_arm"])
+    case = bd.case(
+        t,
+        {"theta_arm": bd.Channel(y["theta_arm"], "rad", sigma=0.01)},
+        {"goal_arm": bd.Input(goal, "rad")},
+        {**PLAIN, "j_arm": {"prior": "log_uniform", "low": 0.01, "high": 0.1}},
+        rig=with_named(ARM, [*PLAIN]),
+    )
+    unexplained: Any = SimpleNamespace(experiment="", channel="theta_arm", share=1.0)
+    assert find_reference(case.job.problem, [unexplained]) is None
