@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from support.case_tables import run_cases
+from support.document_blocks import ROOT
 from support.servo_oracle import Servo
 
 import bayesdrill as bd
@@ -202,6 +204,16 @@ def test_only_one_servo_of_a_train_may_saturate() -> None:
 def test_a_usual_supply_is_a_number_of_a_servo(entry: dict[str, object]) -> None:
     with pytest.raises(InputError, match=r"write `servo` or, if its supply is measured"):
         Train(inertias=("arm",), drives={"arm": entry})
+
+
+def test_a_measured_supply_of_a_servo_without_a_usual_one_is_refused_with_its_entry(
+    tmp_path: Path,
+) -> None:
+    text = (ROOT / "configs" / "example_servo.yaml").read_text()
+    config = tmp_path / "servo.yaml"
+    config.write_text(text.replace("{horn: {servo: 12}}", "{horn: servo}"))
+    with pytest.raises(InputError, match=r"write `horn: \{servo: 12\}` in `drives:`"):
+        bd.load(config)
 
 
 def test_a_supply_that_stays_at_its_usual_value_is_no_input() -> None:
