@@ -138,11 +138,13 @@ def _quantities(
             "goal_speed": motor.goal_speed,
         }
         terms += [(f"motor_{motor.inertia}", name, symbol, 1.0) for name, symbol in circuit.items()]
+    usual = {motor.supply: motor.usual_supply for motor in model.roles.motors if motor.usual_supply}
+    known = {**p, **{name: np.full_like(next(iter(p.values())), x) for name, x in usual.items()}}
     sums: dict[tuple[str, str, str], Array] = {}
     for part, name, symbol, factor in terms:
-        if symbol in p:
+        if symbol in known:
             key = part, name, model.symbols[symbol].unit
-            sums[key] = sums.get(key, np.zeros(1)) + p[symbol] / factor
+            sums[key] = sums.get(key, np.zeros(1)) + known[symbol] / factor
     for (part, name, unit), values in sums.items():
         yield ExportedNumber(
             part=part, name=name, unit=unit, draws=values[1:], map=float(values[0])
@@ -230,7 +232,7 @@ def as_mjcf(model: SimulatorModel, *, dcmotor: bool = False) -> str:
 def _gains(means: Mapping[str, float]) -> dict[str, str]:
     """Return the entries of a general actuator: the effort for its input, an angle and a speed.
 
-    The input is a voltage, or the goal of a servo, whose limit is left out.
+    The input is a voltage, or the goal of a servo at its usual supply, whose limit is left out.
     """
     resistance = means.get("resistance", 1.0) + means.get("series_resistance", 0.0)
     gain = means.get("torque_constant", 1.0) / resistance

@@ -11,7 +11,7 @@ from support.array_cases import run as sampled_run
 from support.case_tables import run_cases
 
 import bayesdrill as bd
-from bayesdrill.rig.models.linear import dynamics
+from bayesdrill.rig.models.linear import dynamics, with_named
 from bayesdrill.tasks import export
 from bayesdrill.tasks.export import ExportedNumber, SimulatorModel, simulator_model
 
@@ -81,6 +81,16 @@ def test_dcmotor_has_the_circuit_and_all_else_as_before(run, model):
         model, quantities=tuple(q for q in model.quantities if q.name != "resistance")
     )
     assert "<dcmotor" not in export.FORMS["dcmotor"](torque_driven)
+
+
+def test_a_servo_whose_supply_is_measured_has_the_usual_one() -> None:
+    rig = with_named(bd.Train(inertias=("arm",), drives={"arm": {"servo": 12}}), ["k_p_arm"])
+    joints = rig.roles.moving(rig.states, rig.parameters).values()
+    ones = {name: np.ones(3) for name in rig.parameters}
+    found = {quantity.name: quantity for quantity in export._quantities(rig, ones, joints)}
+    assert found["supply"].map == 12.0
+    assert found["supply"].draws.tolist() == [12.0, 12.0]
+    assert found["proportional_gain"].map == 1.0
 
 
 def test_json_has_spread_and_draws(run, model):

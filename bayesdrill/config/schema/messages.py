@@ -32,6 +32,8 @@ def message_of(error: EntryError, location: Location) -> str:
             name = str(location[-1])
             near = did_you_mean(name, _keys_at(error))
             other = "" if error.get("is_train", True) else _train_of(name)
+            if location[0] == "inputs" and name.startswith("supply_") and not other:
+                other = f"; write `{name[7:]}: {{servo: 12}}` in `drives:`, 12 for its usual value"
             near = "" if other and near.startswith("; known") else near
             return f"unknown {word}{near}{other}".replace("?; ", "? ")
         case "missing":

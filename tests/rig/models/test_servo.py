@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import scipy.linalg
 from support.case_tables import run_cases
+from support.document_blocks import ROOT
 from support.servo_oracle import Servo
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.plausibility import plausibility_of_course
+from bayesdrill.analysis.suspicions import find_reference
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.experiment import Channel, Experiment
@@ -201,6 +206,16 @@ def test_a_usual_supply_is_a_number_of_a_servo(entry: dict[str, object]) -> None
         Train(inertias=("arm",), drives={"arm": entry})
 
 
+def test_a_measured_supply_of_a_servo_without_a_usual_one_is_refused_with_its_entry(
+    tmp_path: Path,
+) -> None:
+    text = (ROOT / "configs" / "example_servo.yaml").read_text()
+    config = tmp_path / "servo.yaml"
+    config.write_text(text.replace("{horn: {servo: 12}}", "{horn: servo}"))
+    with pytest.raises(InputError, match=r"write `horn: \{servo: 12\}` in `drives:`"):
+        bd.load(config)
+
+
 def test_a_supply_that_stays_at_its_usual_value_is_no_input() -> None:
     """The same motion, of a servo that is limited and of one that is not."""
     t = 0.004 * np.arange(300)
@@ -241,3 +256,19 @@ def test_check_says_how_often_a_servo_saturates(limited: bool) -> None:
     assert 3.0 < share < 50.0
     said = "saturates in" if limited else "Name limit_arm"
     assert said in finding_sentences([finding])[0]
+
+
+def test_a_goal_that_the_angle_follows_is_no_reference_in_place_of_a_voltage() -> None:
+    """The advice to record a voltage instead would be wrong: the loop is in the model."""
+    t = 0.01 * np.arange(401)
+    goal = np.sin(2.0 * t)
+    y = bd.respond(with_named(ARM, [*PLAIN]), PLAIN, t, {"goal_arm": goal}, ["theta_arm"])
+    case = bd.case(
+        t,
+        {"theta_arm": bd.Channel(y["theta_arm"], "rad", sigma=0.01)},
+        {"goal_arm": bd.Input(goal, "rad")},
+        {**PLAIN, "j_arm": {"prior": "log_uniform", "low": 0.01, "high": 0.1}},
+        rig=with_named(ARM, [*PLAIN]),
+    )
+    unexplained: Any = SimpleNamespace(experiment="", channel="theta_arm", share=1.0)
+    assert find_reference(case.job.problem, [unexplained]) is None
