@@ -101,7 +101,7 @@ def fitted(campaign: MeasuredCampaign) -> tuple[PopulationFit, CampaignDraws]:
     folder.mkdir(parents=True, exist_ok=True)
     base, runs = campaign.make()
     base["record"]["file"] = runs[0]["file"]
-    base["name"] = f"{campaign.name}_run"
+    base |= {"name": f"{campaign.name}_run", "seed": 1}
     yaml = YAML()
     yaml.dump(base, folder / "base.yaml")
     entries = {"name": campaign.name, "base": "base.yaml", "runs": runs, "seed": 1}
