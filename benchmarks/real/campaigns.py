@@ -133,6 +133,9 @@ def describe(population: PopulationFit) -> str:
 
 
 def main() -> None:
+    if not benches.DATA.is_dir():
+        print(f"skipped, {benches.DATA} is not there; `benchmarks.real --fetch` gets most of it")
+        return
     for campaign in CAMPAIGNS:
         if campaign.name in sys.argv[1:] or len(sys.argv) == 1:
             print(f"{campaign.name}: {describe(fitted(campaign))}", flush=True)
