@@ -1,7 +1,7 @@
 """Campaigns of measured records: do intervals of the next run hold the run that was left out?
 
-`python -m benchmarks.real.campaigns [NAME ...]` fits each campaign (minutes), and then its population
-again without each run.  The 90 % interval of that next run is compared with the run's own estimate.
+`python -m benchmarks.real.campaigns [NAME ...]` fits each campaign (minutes), and weighs its population
+without each run.  Intervals of that next run are compared with the run's own estimate.
 """
 
 from __future__ import annotations
@@ -9,17 +9,14 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from ruamel.yaml import YAML
 
 import bayesdrill as bd
-from bayesdrill.basics.progress import SILENT
-from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
-from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_population
+from bayesdrill.campaigns.fit import PopulationFit
 from benchmarks.real import benches
 
 BUILD = benches.HERE / "build"
@@ -93,60 +90,33 @@ CAMPAIGNS = (
 )
 
 
-def fitted(campaign: MeasuredCampaign) -> tuple[PopulationFit, CampaignDraws]:
-    """Run a campaign, and return its population and the draws of its runs."""
-    from pyarrow import parquet
-
+def fitted(campaign: MeasuredCampaign) -> PopulationFit:
+    """Run a campaign, or continue it, and return its population."""
     folder = BUILD / "campaigns" / campaign.name
     folder.mkdir(parents=True, exist_ok=True)
     base, runs = campaign.make()
     base["record"]["file"] = runs[0]["file"]
-    base["name"] = f"{campaign.name}_run"
+    base |= {"name": f"{campaign.name}_run", "seed": 1}
     yaml = YAML()
     yaml.dump(base, folder / "base.yaml")
     entries = {"name": campaign.name, "base": "base.yaml", "runs": runs, "seed": 1}
     yaml.dump(entries | {"noted": [*campaign.noted]}, folder / "campaign.yaml")
-    record = bd.campaign(folder / "campaign.yaml").run(folder / "results", resume=True)
-    population, kept = record.population, {}
-    for path in (folder / "results" / "draws").glob("*.parquet"):
-        table = parquet.read_table(path)
-        about = json.loads(table.schema.metadata[b"bayesdrill"])
-        *columns, log_interim = (column.to_numpy() for column in table.columns)
-        kept[about["run"]] = np.stack(columns, axis=1), log_interim
-    draws = []
-    for entry in runs:
-        name = entry.get("name", Path(entry["file"]).stem)
-        if name in kept and len(kept[name][1]) > 1:
-            noted = {key: entry["noted"][key] for key in campaign.noted}
-            z, log_interim = kept[name]
-            draws.append(
-                InterimDraws(
-                    name=name, rig="rig", time=entry.get("time"), noted=noted,
-                    log_products=z, log_interim=log_interim,
-                )
-            )  # fmt: skip
-    return population, CampaignDraws(products=population.products, runs=tuple(draws))
+    outcome = bd.campaign(folder / "campaign.yaml").run(folder / "results", resume=True)
+    return outcome.record.population
 
 
-def describe(population: PopulationFit, draws: CampaignDraws) -> str:
+def describe(population: PopulationFit) -> str:
     """Return a table: interval of the next run, times that of a run, and runs that it holds."""
-    held = np.zeros((2, len(draws.products)), dtype=int)
-    for r, run in enumerate(draws.runs):
-        others = replace(draws, runs=draws.runs[:r] + draws.runs[r + 1 :])
-        rng = np.random.default_rng(r)
-        without = fit_population(others, PopulationSettings(), rng, SILENT)
-        for k, product in enumerate(without.populations):
-            z, ahead = population.runs[r].alone[k], product.next_run
-            held[:, k] += ahead.low_50 < z < ahead.high_50, ahead.low_90 < z < ahead.high_90
-        print(f"  without {run.name}", file=sys.stderr, flush=True)
-    lines = [f"{len(draws.runs)} runs; converged: {population.convergence.converged}"]
+    lines = [f"{len(population.runs)} runs; converged: {population.convergence.converged}"]
     own = 2 * 1.645 * np.median([run.alone_sd for run in population.runs], axis=0)
+    off = np.abs(np.array([run.ranks for run in population.runs]) - 0.5)
     for k, product in enumerate(population.populations):
         width = product.next_run.high_90 - product.next_run.low_90
+        held = (off[:, k] < 0.25).sum(), (off[:, k] < 0.45).sum()
         lines.append(
             f"{product.product}: spread {product.spread.mean:.1%}, own 90 % width {own[k]:.1%}, of the "
-            f"next run {width:.1%}, {width / own[k]:.0f} times; held {held[0, k]} in 50 %, "
-            f"{held[1, k]} in 90 %"
+            f"next run {width:.1%}, {width / own[k]:.0f} times; held {held[0]} in 50 %, "
+            f"{held[1]} in 90 %"
         )
     lines += [
         f"{effect.column} explains {effect.share.mean:.0%} ({effect.share.low_90:.0%} to "
@@ -156,13 +126,19 @@ def describe(population: PopulationFit, draws: CampaignDraws) -> str:
     ]
     outliers = [run.name for run in population.runs if run.outlier]
     histories = [(chart.product, chart.history.best) for chart in population.charts]
-    return "\n".join([*lines, f"outliers {outliers}, histories {histories}"])
+    badly = population.misdescribed
+    return "\n".join(
+        [*lines, f"outliers {outliers}, described badly {badly}, histories {histories}"]
+    )
 
 
 def main() -> None:
+    if not benches.DATA.is_dir():
+        print(f"skipped, {benches.DATA} is not there; `benchmarks.real --fetch` gets most of it")
+        return
     for campaign in CAMPAIGNS:
         if campaign.name in sys.argv[1:] or len(sys.argv) == 1:
-            print(f"{campaign.name}: {describe(*fitted(campaign))}", flush=True)
+            print(f"{campaign.name}: {describe(fitted(campaign))}", flush=True)
 
 
 if __name__ == "__main__":
