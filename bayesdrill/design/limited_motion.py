@@ -37,7 +37,7 @@ class LimitCheck:
     def between_samples(
         cls, coming: ComingExperiment, limits: tuple[RigLimit, ...], theta: Array
     ) -> LimitCheck:
-        """Double the rate until the extremes under the largest swings of the source settle."""
+        """Return the check at a rate at which extremes under the largest swings have settled."""
         check, source = cls(coming, limits, theta), coming.source
         levels = np.where(np.arange(source.count) % 2, source.low, source.high)
         sizes = check._sizes(levels)

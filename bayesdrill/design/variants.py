@@ -1,4 +1,4 @@
-"""Promise what the designed waveform gives with other channels, rates, durations and repeats."""
+"""Compute what the designed waveform gives with other channels, rates, durations and repeats."""
 
 from __future__ import annotations
 

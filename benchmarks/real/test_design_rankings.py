@@ -24,6 +24,13 @@ SHARED = ROOT.parent / "shared" / "data"
 CARTS, SERVO = SHARED / "flexible_drive_waterloo_2022", SHARED / "hsm150_servo"
 ABSENT = "a record that does not come with the project"
 HERTZ = 1000  # of all records
+CARTS_RECORDS = {  # files by name; the first is known
+    "square_2": "velocity_response_2",
+    "square_1_5": "velocity_response_1_5",
+    **{f"sine_{f}": f"velocity_response_sine_{f}" for f in ("0_5", "1", "2", "3", "5", "8")},
+    "loop_1": "2_1_kp_0_05",
+    "loop_4": "2_4_kp_0_23",
+}
 Records = Mapping[str, Sequence[Mapping[str, Any]]]  # config entries of the repeats, by name
 
 
@@ -65,15 +72,19 @@ def carts(folder: Path) -> tuple[dict[str, Any], Records]:
     """Return the config of two carts, and their records: squares, sines, and loops without `v2`."""
     config = yaml.safe_load((ROOT / "benchmarks" / "real" / "waterloo.yaml").read_text())
     records = {}
-    for path in (CARTS / "velocity_response_2.mat", *sorted(CARTS.glob("*.mat"))):
-        name = path.stem.replace("velocity_response_", "" if "sine" in path.stem else "square_")
-        name = name if name[0].isalpha() else f"loop_{name}"
-        mat = {key: np.ravel(x) for key, x in loadmat(path).items() if not key.startswith("_")}
+    for name, stem in CARTS_RECORDS.items():
+        mat = {k: np.ravel(x) for k, x in loadmat(CARTS / f"{stem}.mat").items() if k[0] != "_"}
         v1 = mat["v1"] if "v1" in mat else np.diff(mat["x1"], prepend=mat["x1"][0]) * HERTZ
-        v2 = mat.get("v2", np.full(len(v1), np.nan))
-        columns = np.column_stack([np.arange(len(v1)) / HERTZ, mat["u"], v1, v2])
-        np.savetxt(folder / f"{name}.csv", columns, "%.9g", ",", header="t,u,v1,v2", comments="")
-        records[name] = [{"record": {"file": f"{name}.csv", "missing": "drop"}}]
+        columns = {"t": np.arange(len(v1)) / HERTZ, "u": mat["u"], "v1": v1}
+        channels = dict(config["record"]["channels"])
+        if "v2" in mat:
+            columns["v2"] = mat["v2"]
+        else:
+            del channels["v_cart_2"]
+        table = np.column_stack([*columns.values()])
+        header = ",".join(columns)
+        np.savetxt(folder / f"{name}.csv", table, "%.9g", ",", header=header, comments="")
+        records[name] = [{"record": {"file": f"{name}.csv", "channels": channels}}]
     del config["experiments"], config["shared"]
     config["map"] = {"starts": 2, "evaluations": 500}
     return config, records
