@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import sys
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -97,7 +97,8 @@ def _run(read: str, config: Path, output: Path | None, /, given: Any = None, **o
 
         mode(resume=True, force=True)  # refuses, before the record is read
     if (options["processes"] or available_processors()) > 1:
-        start_server()  # it loads libraries while this process reads
+        with suppress(OSError):  # the pool of workers tells of it
+            start_server()  # it loads libraries while this process reads
     case = _read(config, read, **(given or {}))
     with saved_in(case.place(output)), reporter() as report:
         return case.run(output, report=report, **options)

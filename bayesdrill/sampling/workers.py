@@ -194,7 +194,7 @@ def start_workers(
                 max_workers=processes,
                 mp_context=CONTEXT,
                 initializer=_start_worker,
-                initargs=(prepare, *arguments),
+                initargs=({**os.environ}, prepare, *arguments),
             )
     except OSError as error:  # its semaphores are files of /dev/shm, or the like
         reason = f"no worker processes can be started here ({error.strerror or error})"
@@ -220,7 +220,10 @@ def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
 _WORKER: dict[str, Any] = {}
 
 
-def _start_worker(prepare: Callable[..., None], *arguments: Any) -> None:
+def _start_worker(
+    environment: Mapping[str, str], prepare: Callable[..., None], *arguments: Any
+) -> None:
+    os.environ.update(environment)  # that of the server may be older
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
