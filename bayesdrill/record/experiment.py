@@ -186,7 +186,9 @@ def channels_first(experiment: Experiment, states: Sequence[str], shown: Array) 
 
     One kernel of states alone serves any channels in this way.
     """
-    return np.concatenate([shown @ experiment.weights(tuple(states)).T, shown], axis=-1)
+    with np.errstate(all="ignore"):  # a state may overflow
+        channels = shown @ experiment.weights(tuple(states)).T
+    return np.concatenate([channels, shown], axis=-1)
 
 
 def frozen(values: Array) -> Array:

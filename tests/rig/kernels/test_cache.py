@@ -308,7 +308,7 @@ def code(write: Callable[..., None], *structures: Any) -> str:
 
 def rubbing(model: Model, **own: Any) -> SteppedShape:
     pattern = ((True,) * (len(model.states) + 1),)
-    usual = {"tally": SQUARES, "dual": False, "read": False, "single": False, "efforts": False}
+    usual = {"tally": SQUARES, "dual": False, "read": False, "efforts": False}
     named = {"series": ("v",), "late": (), "constant": (), "first_order": True}
     return SteppedShape(**{"model": model, "pattern": pattern, **usual, **named, **own})
 
