@@ -13,7 +13,6 @@ from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.inference.step_error import StepError
-from bayesdrill.output_files import POSTERIOR
 from bayesdrill.report import style
 from bayesdrill.report.doubts import step_sentences, steps_wanted
 from bayesdrill.report.publish import drawings
@@ -130,8 +129,3 @@ def test_numbers_of_steps_are_said_to_be_enough_or_too_few() -> None:
     assert step_sentences(()) == ""
     assert "steps: " in as_markdown("x", sections(view()))
     assert "steps: " in str(case().find_map(processes=1))
-
-
-def test_files_of_friction_and_energy_are_known_as_results() -> None:
-    names = ("friction.pdf", "friction_2.png", "energy.svg", "energy_11.pdf")
-    assert all(POSTERIOR.is_output(f"figures/{name}") for name in names)
