@@ -2,7 +2,6 @@
 
 import errno
 import os
-import stat
 from pathlib import Path
 
 import numpy as np
@@ -50,15 +49,6 @@ def test_json_with_a_changed_bit_is_never_believed() -> None:
 def test_json_without_a_checksum_is_refused(content: bytes) -> None:
     with pytest.raises(ValueError):  # noqa: PT011
         loads_checksummed(content)
-
-
-def test_findings_are_written_into_any_folder_and_again(tmp_path: Path) -> None:
-    config, out = small_config(tmp_path), tmp_path / "out"
-    figure = out / "figures" / "spectrum.png"
-    assert cli("identify", config, "-o", out).status == 0
-    figure.chmod(0o600)
-    assert cli("identify", config, "-o", out, "--force").status == 0
-    assert stat.S_IMODE(figure.stat().st_mode) == 0o600
 
 
 @run_cases(

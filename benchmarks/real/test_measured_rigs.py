@@ -1,7 +1,5 @@
 """Records of a drill string and of servos, measured or simulated by other code, against known values.
 
-`tests/system/test_real_records.py` has the fit of the drill string, which is run daily.
-
 The records do not come with the project: where they are absent, these tests are skipped.
 """
 

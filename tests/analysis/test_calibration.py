@@ -73,14 +73,6 @@ def test_a_band_of_counts_is_that_of_a_binomial() -> None:
         assert np.mean(outside) < 0.0055 < 0.0065 < np.mean(narrower) + 0.002
 
 
-def test_the_reach_of_ranks_is_above_one_just_outside_their_band() -> None:
-    band = ecdf_band(60, 19, 0.5)
-    ranks = np.random.default_rng(2).integers(0, 20, (2000, 60))
-    reach, holds = (np.array([f(row) for row in ranks]) for f in (band.reach, band.holds))
-    assert np.array_equal(reach <= 1, holds)
-    assert 0.3 < holds.mean() < 0.7
-
-
 def test_ties_are_broken_evenly() -> None:
     """Three of ten draws equal the truth, two are below: ranks 2 to 5, a quarter each."""
     rng, draws = np.random.default_rng(5), np.array([0.0] * 2 + [1.0] * 3 + [2.0] * 5)
@@ -183,12 +175,3 @@ def test_a_refit_without_draws_forbids_the_verdict() -> None:
     result = verdict(UNIFORM, strayed=1, lost=1)
     assert (result.lost, result.band.n, result.calibrated) == ((0,), N - 1, False)
     assert "1 of 200 refits gave no draws" in describe_calibration(result)
-
-
-def test_intervals_cover_as_many_refits_as_their_share() -> None:
-    """Ranks 25 to 74 of 0 to 99 lie between the draws that bound the middle half."""
-    ranks = np.repeat(np.arange(L + 1), 2)
-    intervals = verdict(np.stack([ranks, ranks], axis=-1)).quantities[0].intervals
-    assert [interval.share for interval in intervals] == pytest.approx([0.5, 0.8, 0.94])
-    for interval in intervals:
-        assert interval.inside == pytest.approx(interval.share * N)

@@ -167,22 +167,20 @@ def test_a_rig_with_friction_is_not_said_to_lack_it(tmp_path: Path) -> None:
     assert not any(part.startswith(sizes) for one in causes.ranked for part in one.parts)
 
 
-@pytest.mark.parametrize("most", [1, 10**9])
 def test_combinations_beyond_the_largest_number_of_evaluations_are_named_and_not_tried(
-    most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     try_only(("friction_rotor_1", "offset_v"), monkeypatch)
-    monkeypatch.setattr(ranking, "MOST_EVALUATIONS", most)
+    monkeypatch.setattr(ranking, "MOST_EVALUATIONS", 1)
     causes = causes_of(bd.load(rig(tmp_path, {"added": {"t_c1": 0.25}, "late": 3})))
     assert causes is not None
-    together = any(len(one.parts) == 2 for one in causes.ranked)
-    assert together == (most > 1)
+    assert all(len(one.parts) == 1 for one in causes.ranked)
     left = (
         "dry friction at rotor 1 with an offset of v",
         "an offset of v with dry friction at rotor 1",
     )
-    assert causes.untried in ([()] if together else [(words,) for words in left])
-    assert ("1 combination was not tried" in describe_causes(causes)) != together
+    assert causes.untried in [(words,) for words in left]
+    assert "1 combination was not tried" in describe_causes(causes)
 
 
 @some_or_all("offset_alpha", "gain_w_2", "lag_alpha", "damping_rotor_1", "ar1")

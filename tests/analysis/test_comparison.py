@@ -146,29 +146,6 @@ def test_of_several_runs_the_farthest_two_are_named() -> None:
         assert row.distance == pytest.approx(2.5)
 
 
-def test_an_unknown_that_one_run_holds_or_lacks_has_no_distance() -> None:
-    """One run holds k_e, knows nothing of k_s, and has another nominal value of j_1."""
-    whole = layer("a")
-    posterior, names = problem().posterior, problem().names
-    kept = [k for k, name in enumerate(names) if name not in ("k_e", "k_s")]
-    space = replace(posterior.space, fixed={"k_e": 0.06})
-    less = replace(
-        problem(),
-        posterior=replace(posterior, space=space),
-        symbols=tuple(problem().symbols[k] for k in kept),
-        nominal={**problem().nominal, "j_1": 0.03},
-    )
-    other = replace(whole, problem=less, draws=whole.draws[:, kept])
-    rows = {row.symbol.name: row for row in overlay_rows([whole, other])}
-    held = rows["k_e"].places[1]
-    assert held is not None
-    assert (held.fixed, held.mean) == (True, 0.06)
-    assert not rows["k_e"].shared
-    assert (rows["k_s"].places[1], rows["k_s"].distance) == (None, None)
-    assert rows["c_m"].distance == 0.0
-    assert rows["j_1"].agreed is None
-
-
 def test_settings_that_are_not_the_same_everywhere_are_named() -> None:
     layers = [layer("a", seed="1", k_s="normal"), layer("b", seed="1", k_e="held")]
     assert differing(layers) == {"k_s": ("normal", None), "k_e": (None, "held")}

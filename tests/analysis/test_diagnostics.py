@@ -18,13 +18,11 @@ from bayesdrill.analysis.diagnostics import (
     ParameterRow,
     Word,
     end_at_nominal,
-    independent_draws,
     pressed_against,
     prior_dependence,
     rank_histograms,
     sandwich_sds,
 )
-from bayesdrill.inference.laplace import information_root
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import (
     HalfNormal,
@@ -34,7 +32,6 @@ from bayesdrill.inference.priors import (
     TruncatedNormal,
     Uniform,
 )
-from bayesdrill.report.sections.parameters import describe_dependence
 
 Array = NDArray[np.float64]
 
@@ -139,14 +136,6 @@ def test_equal_ensembles_leave_the_band_as_often_as_is_said() -> None:
     assert 0 < alarms < 12
 
 
-def test_only_draws_that_are_nearly_independent_are_ranked() -> None:
-    theta = np.random.default_rng(4).standard_normal((4, 100, 8, 2))
-    kept = independent_draws(theta, 20, 4.6)
-    assert kept.shape == (4, 8 * 8, 2)  # every tenth of 80 steps
-    assert np.array_equal(kept[:, :8], theta[:, 20])
-    assert independent_draws(theta, 20, 1e3).shape[1] == 2 * 8  # both ends of too short a chain
-
-
 # --- dependence on priors ----------------------------------------------------------------------------
 
 
@@ -181,14 +170,6 @@ def test_only_what_is_called_determined_depends_on_a_prior(partner: Word, word: 
     """And only on what the record leaves to its prior."""
     draws = np.stack([A, A + 0.01 * NOISE], axis=1)
     assert prior_dependence([row("a", partner), row("x", word)], draws) == {}
-
-
-def test_unknowns_that_depend_on_the_same_priors_are_named_together() -> None:
-    text = describe_dependence({"k_s": ("j_1",), "k_e": ("c_m",), "j_m": ("j_1",)})
-    first, second = text.splitlines()
-    assert first.startswith("leaning: k_s, j_m on the prior of j_1. ")
-    assert second.startswith("leaning: k_e on the prior of c_m. ")
-    assert describe_dependence({}) == ""
 
 
 # --- sandwich sds ------------------------------------------------------------------------------------
@@ -230,17 +211,3 @@ def test_sandwich_sds_are_those_by_which_refits_scatter() -> None:
     assert spread == pytest.approx(true, rel=0.25)  # 40 refits know it to 11 %
     assert np.mean(sds, axis=0) == pytest.approx(spread, rel=0.2)
     assert np.mean(sds, axis=0) == pytest.approx(true, rel=0.1)
-
-
-def test_sandwich_sds_of_white_residuals_are_those_of_the_posterior() -> None:
-    """An unknown of which two samples say nothing keeps the sd of its prior."""
-    target = with_residuals(SIGMA * ar1(0.0, (N, 2), 5))
-    root = information_root(target, AT)
-    sds = np.array([*sandwich_sds(target, AT).values()])
-    assert sds == pytest.approx(AT * np.sqrt(np.diag(np.linalg.inv(root.T @ root))), rel=0.15)
-    y = np.full((N, 2), np.nan)
-    y[:2] = target.likelihood.only_observation.experiment.y[:2]
-    record = dataclasses.replace(target.likelihood.only_observation.experiment, y=y)
-    blind = target.edit(convert=lambda one: one.for_record(record))
-    prior = np.log(np.random.default_rng(1).uniform(0.5, 1.5, 400_000)).std()
-    assert sandwich_sds(blind, AT)["k_s"] == pytest.approx(AT[0] * prior, rel=0.01)

@@ -3,17 +3,14 @@
 import numpy as np
 import pytest
 from support.case_tables import for_each, run_cases
-from support.linear_study import TABLE, gaussian, verdict
 from support.missing_physics import T, against_the_table, believed, best, record
 
 from bayesdrill.analysis.causes import equivalent_explanation
-from bayesdrill.analysis.edits import lacks, with_candidates
+from bayesdrill.analysis.edits import lacks
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections.causes import instead
-from bayesdrill.report.sections.nominal import verdict_sentences
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.models.roles import usual_roles
-from benchmarks.rates.records import TORQUE, observed
 
 STEADY = np.full(len(T), 8.0)
 SIZES = {"t_c1": 0.05, "v_d": 0.16, "c_1": 4e-3, "c_s": 1e-3, "t_cm": 0.05}
@@ -69,30 +66,7 @@ def test_a_table_that_fits_or_is_beyond_the_priors_is_not_explained() -> None:
     assert within.parameter == "t_c1"
 
 
-def test_a_verdict_in_doubt_names_what_the_model_may_lack() -> None:
-    draws = gaussian(TABLE | {"r_m": 2 * TABLE["r_m"]}, np.random.default_rng(2))
-    doubtful = verdict(draws, fits=False)
-    text = verdict_sentences(doubtful, "t", lacking="dry friction at rotor 1 (t_c1)")
-    assert "against the model. It may lack dry friction at rotor 1 (t_c1)" in text
-    assert "may lack" not in verdict_sentences(doubtful, "t")
-
-
 def test_everything_that_is_tried_has_words_and_is_offered_by_the_rig() -> None:
     tried = lacks(usual_roles())
     assert {x.parameter for x in tried} - {*MotorShaft.parameters} <= {*MotorShaft.offers}
     assert all(x.words and x.name for x in tried)
-
-
-def test_candidates_are_what_a_config_would_switch_on() -> None:
-    """Beside a missing torque, whose filter has to know them; at zero they change nothing."""
-    known = {**TORQUE, "size": 1e-3, "time": 0.1}
-    plain = observed(missing_torque=known)
-    rubbing = observed(missing_torque=known, rubs={"t_c1": 0.15})
-    theta = plain.space.vector(plain.space.start)
-    wide = with_candidates(plain, theta)
-    free = wide.space.free
-    new = [k for k, name in enumerate(free) if name not in plain.space.free]
-    at = np.insert(theta, new[0], np.zeros(len(new)))
-    assert wide.likelihood(at[None]) == pytest.approx(plain.likelihood(theta[None]))
-    at[free.index("t_c1")] = 0.15
-    assert wide.likelihood(at[None]) == pytest.approx(rubbing.likelihood(theta[None]), rel=1e-6)

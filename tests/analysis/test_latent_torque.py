@@ -56,14 +56,6 @@ def test_the_torque_is_estimated_within_its_band(at: str) -> None:
     assert error == pytest.approx(np.sqrt(np.mean(result.draws.var(axis=0))), rel=0.35)
 
 
-def test_draws_have_the_expected_mean_and_are_as_uncertain_as_the_unknowns() -> None:
-    result, _ = estimate("rotor_1", 5, n=600)
-    error = result.draws.std(axis=0) / np.sqrt(600)
-    assert np.abs((result.draws.mean(axis=0) - result.expected) / error).max() < 4.5
-    wider, _ = estimate("rotor_1", 5, n=600, spread=0.3)
-    assert wider.draws.std(axis=0).mean() > 1.1 * result.draws.std(axis=0).mean()
-
-
 def test_the_torque_explains_all_residuals_but_the_noise_of_the_sensors() -> None:
     result, _ = estimate("rotor_1", 4)
     for course in result.courses:

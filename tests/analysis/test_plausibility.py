@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import command_line, two_experiments
+from support import command_line
 from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, ORDER, by_expm
 from support.small_problems import experiment, posterior
@@ -197,15 +197,6 @@ def test_a_parameter_of_each_experiment_is_checked_without_a_table(
     found = plausibility.plausibility_of_nominal(prepare(tmp_path / "own.yaml").problem)
     texts = finding_sentences(found)
     assert len({*texts}) == len(texts)
-
-
-def test_each_experiment_is_checked_with_its_own_numbers(tmp_path: Path) -> None:
-    """In one of them alone the constants of the motor are the wrong way round."""
-    entry = ("slow: {record", "slow: {parameters: {k_T: 2.0, k_e: 1.0}, record")
-    held = ("k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}", "k_e: 3.0")
-    own = prepare(two_experiments.write(tmp_path, entry, held)).problem
-    texts = finding_sentences(plausibility.plausibility_of_nominal(own))
-    assert sum("2 times k_e" in text for text in texts) == 1
 
 
 # --- priors that are too wide for an evidence --------------------------------------------------------

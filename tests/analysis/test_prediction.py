@@ -138,22 +138,6 @@ def test_a_noise_has_memory_if_its_samples_are_correlated(noise: object, memory:
     assert has_memory(target.likelihood.only_observation, theta) == memory
 
 
-def test_a_larger_missing_torque_predicts_held_out_samples_less_sharply() -> None:
-    """One of almost no size does so as white noise does."""
-    theta, scores = draws(~AWAY), []
-    for size in (1e-9, 0.05):
-        torque = {"at": "motor", "size": size, "time": 0.5}
-        target = case(away=True, missing_torque=torque)
-        score = held_out(target, theta)
-        assert score is not None
-        scores.append(score.score)
-        assert has_memory(target.likelihood.only_observation, theta) == (size > 1e-3)
-    white = held_out(case(away=True), theta)
-    assert white is not None
-    assert scores[0] == pytest.approx(white.score, abs=1e-3)
-    assert scores[1] < white.score - 1.0
-
-
 # --- where each sample lies in its own prediction ----------------------------------------------------
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import command_line
-from support.case_tables import run_cases
 from support.command_line import CONFIGS
 from support.missing_physics import ar1
 from support.unexplained_records import try_only
@@ -93,17 +92,6 @@ def test_a_run_is_believed_whose_sandwich_sds_determine_as_well() -> None:
         assert {row.word for row in believed.analysis.unknowns} == {"determined"}
         assert "determined: j_m, c_m" in believed.judge().text
     assert "Sandwich sds in the report of a posterior allow for it" in wide.judge().text
-
-
-@run_cases("widths, doubted", [(NARROW, True), (WIDE, False)])
-def test_identify_at_a_maximum_says_determined_by_the_same_rule(
-    widths: float, doubted: bool
-) -> None:
-    case = motor(widths)
-    findings = case.identify(at=case.find_map())
-    assert bool(findings.reasons) == doubted
-    assert ("DO NOT BELIEVE these numbers" in findings.text) == doubted
-    assert ("determined" in findings.text.replace("does not determine", "")) != doubted
 
 
 CONFIG = (CONFIGS / "motor.yaml").read_text(encoding="utf-8")

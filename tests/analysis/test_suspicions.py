@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.case_tables import run_cases
 from support.command_line import ROOT
-from support.missing_physics import DT, MEASURES, SIGMA, N, believed, best, record
+from support.missing_physics import DT, MEASURES, SIGMA, N, best
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment as experiment_of
 from support.small_problems import posterior_of, vector
@@ -19,7 +19,6 @@ from bayesdrill.analysis.suspicions import half_sample_shift, suspicions_of_prob
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.record.formats import FORMATS, format_of
 from bayesdrill.report.findings import finding_sentences
 from bayesdrill.rig import MotorShaft
 from bayesdrill.rig.simulators import simulator
@@ -27,7 +26,6 @@ from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.tasks.conclusions import SampledRun, concluded
 
-SHARED = ROOT.parent / "shared" / "data"
 CONFIGS = [*(ROOT / "configs").glob("*.yaml"), *(ROOT / "configs" / "paper").glob("*.yaml")]
 DEGREE, RPM = np.pi / 180, np.pi / 30
 
@@ -56,30 +54,6 @@ def kinds(of: Experiment, *factors: float) -> list[str]:
 @run_cases("path", CONFIGS)
 def test_nothing_is_suspected_of_the_bundled_records(path: Path) -> None:
     assert tuple(suspicions_of_problem(bd.load(path).job.problem)) == ()
-
-
-def columns_of(name: str, *columns: str | int, variable: str | None = None) -> list[np.ndarray]:
-    kind = FORMATS[format_of(SHARED / name)]
-    table = kind.read(SHARED / name, kind.options(), None)
-    return [table.pick(column, variable) for column in columns]
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason="records that do not come with the project")
-def test_only_a_differentiated_speed_is_suspected_of_records_of_real_rigs() -> None:
-    for name in ("square", "sweep", "slow"):
-        names = ("time [ms]", "theta [deg]", "alpha [deg]")
-        t, theta, alpha = columns_of(f"simulated_servo/{name}.csv", *names)
-        servo = experiment(t / 1000, theta_2=theta * DEGREE, twist=alpha * DEGREE)
-        assert kinds(servo, DEGREE, DEGREE) == []
-    for name in ("0.06_1", "0.06_3", "0.065_2"):  # its makers differentiated the angle
-        path = f"hsm150_servo/idf_pos_{name}.mat"
-        t, angle, speed = columns_of(path, 1, 3, 4, variable="data")
-        assert kinds(experiment(t, theta_1=angle, w_1=speed)) == ["derived"]
-    names = tuple(f"{x}_Sample_175_complete" for x in ("Time", "Bit_Speed", "Top_Speed"))
-    t, bit, top = columns_of("ufrj_drillstring_rig/175_completo_1.mat", *names)
-    for used in ((t >= 37) & (t <= 41), t >= 0):
-        string = experiment(t[used], w_1=bit[used] * RPM, w_2=top[used] * RPM)
-        assert kinds(string, RPM, RPM) == []
 
 
 # --- sound columns, and the same ones spoilt ---------------------------------------------------------
@@ -173,30 +147,6 @@ def test_half_a_sample_moves_what_a_late_step_moves() -> None:
     sds = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
     for (name, value), expected in zip(shift.shifts, np.log(moved / theta) / sds, strict=True):
         assert value == pytest.approx(expected, rel=0.5, abs=0.3), name
-
-
-@run_cases("own, seconds", [({}, 0.5 * DT), ({"v": 7 * DT}, 3.5 * DT)], ["of the record", "slower"])
-def test_half_a_sample_is_one_of_the_input(own: dict[str, float], seconds: float) -> None:
-    """Also where the channels are measured at one of four samples only."""
-    whole = record({})
-    y = np.where(np.arange(N)[:, None] % 4 == 0, whole.y, np.nan)
-    target = believed(replace(whole, y=y, input_steps=own))
-    shift = half_sample_shift(SensitivityStudy(target.likelihood), best(target))
-    assert shift is not None
-    assert shift.seconds == pytest.approx(seconds)
-
-
-def test_half_a_sample_does_not_matter_where_the_lags_of_channels_are_unknown() -> None:
-    target = believed(record({}))
-    theta = best(target)
-    assert half_sample_shift(SensitivityStudy(target.likelihood), theta) is not None
-    sensing = ObservationModel(lags={"alpha": "a", "w_2": "b"})
-    one = target.likelihood.only_observation
-    rig = Response(MotorShaft(), one.experiment, sensing)
-    fixed = {**target.space.fixed, "a": 0.0, "b": 0.0}
-    space = replace(target.space, model=(*target.space.model, "a", "b"), fixed=fixed)
-    likelihood = replace(target.likelihood, observations=(replace(one, response=rig),), space=space)
-    assert half_sample_shift(SensitivityStudy(likelihood), theta) is None
 
 
 def test_half_a_sample_is_mentioned_only_where_the_fit_is_noise() -> None:

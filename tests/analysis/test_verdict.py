@@ -116,15 +116,6 @@ def test_a_nominal_rig_is_rarely_said_to_disagree() -> None:
     assert wrong <= 9  # binomial(250, 0.01)
 
 
-def test_determined_values_that_are_off_disagree_and_hidden_ones_are_not_determined() -> None:
-    result = verdict(draws_of(2, r_m=1.2, k_s=1.2))
-    hidden = {K_S: "not determined", J_1: "not determined"}
-    assert words(result) == {R_M: "disagrees", RATIO: "disagrees", **hidden}
-    assert result.joint is not None
-    assert result.joint > 8
-    assert not result.agrees
-
-
 def test_narrow_draws_along_a_symmetry_determine_nothing() -> None:
     """The corners of a prior may make them so."""
     common = 1.4 + 0.01 * RNG.standard_normal(N)
@@ -193,14 +184,6 @@ def test_a_value_cut_off_by_an_end_at_its_nominal_value_cannot_be_judged(
         assert "none of the 2 independent products" in text
         assert "Cannot judge: " in text
     assert verdict_data(result, "table")["agrees"] is agrees
-
-
-def test_an_unknown_without_a_nominal_value_is_not_judged() -> None:
-    draws, table = draws_of(6), {name: TABLE[name] for name in ("k_s", "j_1")}
-    result = judge(LINEAR, draws, PRIOR, table, {}, (), IdentifySpec())
-    assert [q.exponents for q in result.parameters] == [K_S, J_1]
-    assert [q.exponents for q in result.products] == [RATIO]
-    assert result.parameters[0].deviation == pytest.approx(draws[:, 0].mean() / TABLE["k_s"] - 1)
 
 
 def test_false_alarms_are_shared_by_all_that_is_judged() -> None:

@@ -19,7 +19,6 @@ from support.command_line import ROOT
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
-from bayesdrill.api.comparison import Overlay
 from bayesdrill.rig.models.drive_parts import Drive, Gear, Shaft
 
 CONFIG = ROOT / "configs" / "nominal_step.yaml"
@@ -240,17 +239,3 @@ def test_all_mistakes_are_named_at_once_in_plain_words() -> None:
     assert message(bd.compare, runs=["a", 3]) == "runs, number 2: give a Run or a path, not int"
     assert "an object that has say and update" in message(two().identify, report=print)
     assert "signals" in message(bd.respond, **RESPONSE | {"signals": []})
-
-
-def test_numbers_and_texts_of_numpy_are_taken() -> None:
-    assert run().plot(np.str_("corner"), part=np.int64(1)).axes
-    assert isinstance(bd.overlay((run(), run()), names=[np.str_("a"), "b"]), Overlay)
-    assert bd.Motor(i_m=np.float64(0.25)) == bd.Motor(i_m=0.25)
-    parts = {
-        "inertias": TWO_ENDS,
-        "shafts": {"s": TWO_ENDS},
-        "gears": {},
-        "drives": {"motor": "speed"},
-    }
-    train = bd.Train(**parts)
-    assert dataclasses.replace(train, motion="linear").shafts == train.shafts

@@ -1,11 +1,10 @@
 """Runs: what they say, save and draw; in other processes they are the same, and threads may save."""
 
 import dataclasses
-import multiprocessing
 import pickle
 import re
 import threading
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -50,12 +49,6 @@ def test_a_run_says_what_it_estimates() -> None:
     assert re.search(r"verdict: .*disagree", str(run()))
     assert set(run().draws) == {"k_s", "t_f"}
     assert all("k_s" in str(one) for one in (judged, two().identify(), best()))
-
-
-def test_the_same_seed_gives_the_same_draws_and_another_others() -> None:
-    again, other = two().sample(seed=4), two(seed=3).sample(seed=5)
-    assert np.array_equal(again.draws["k_s"], run().draws["k_s"])
-    assert not np.array_equal(other.draws["k_s"][:, :50], run().draws["k_s"][:, :50])
 
 
 def test_a_saved_run_opens_as_it_was(tmp_path: Path) -> None:
@@ -149,16 +142,6 @@ def test_computed_results_are_not_pickled_with_a_run() -> None:
     assert len(pickle.dumps(judged)) == len(pickle.dumps(fresh()))
 
 
-@run_cases("name", ["nominal_step", "example_experiments", "example_torque"])
-def test_a_pickled_case_of_a_config_is_the_same(name: str) -> None:
-    case = bd.load(CONFIGS / f"{name}.yaml")
-    back = pickle.loads(pickle.dumps(case))
-    assert back == case == bd.load(CONFIGS / f"{name}.yaml")
-    theta = case.job.problem.posterior.space.draw(4, np.random.default_rng(5))
-    one, other = (of.job.problem.posterior.density(theta) for of in (case, back))
-    assert np.array_equal(one, other)
-
-
 def test_cases_and_runs_differ_if_one_number_does() -> None:
     """A sample, a seed, a start or a draw."""
     w_1 = noisy("w_1", 1.0, 0.1)
@@ -198,19 +181,6 @@ def test_an_error_is_the_same_after_pickling() -> None:
     back = pickle.loads(pickle.dumps(error.value))
     assert str(back) == str(error.value)
     assert back.problems == error.value.problems
-
-
-def _search(case: bd.Case) -> tuple[bd.Case, bd.Best]:
-    return case, case.find_map()
-
-
-def test_a_spawned_process_finds_the_same_maximum() -> None:
-    case, spawn = two(), multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=spawn) as pool:
-        back, maximum = pool.submit(_search, case).result()
-    assert back == case
-    assert maximum == best()
-    assert case.identify(at=maximum).study.at == "the MAP"
 
 
 # --- in threads --------------------------------------------------------------------------------------
@@ -262,18 +232,6 @@ def test_one_of_several_threads_saves_to_a_folder(tmp_path: Path) -> None:
         assert "another run is writing here" in text or "results exist already" in text
     assert bd.verify(tmp_path / "mine").together
     assert not [*(tmp_path / "mine").rglob("*.aside*")]
-
-
-def test_two_threads_write_one_file_without_mixing_it(tmp_path: Path) -> None:
-    def write() -> Path:
-        with output_files.atomic_write(tmp_path / "table.csv") as aside:
-            aside.write_text("theirs")
-            return aside
-
-    with ThreadPoolExecutor(1) as pool, output_files.atomic_write(tmp_path / "table.csv") as mine:
-        mine.write_text("mine")
-        assert pool.submit(write).result() != mine
-    assert (tmp_path / "table.csv").read_text() == "mine"
 
 
 def test_one_thread_draws_at_a_time() -> None:

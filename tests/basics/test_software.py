@@ -3,10 +3,7 @@
 import re
 import tomllib
 
-import arviz_base
-import emcee
 from ruamel.yaml import YAML
-from support.case_tables import run_cases
 from support.command_line import ROOT, cli
 
 import bayesdrill as bd
@@ -19,30 +16,6 @@ def fields(entry: str) -> dict[str, str]:
     """Return the fields of an entry of BibTeX, without outer braces."""
     pairs = re.findall(r"^\s*(\w+)\s*=\s*[{\"]?(.*?)[}\"]?,?$", entry, re.M)
     return {name.lower(): value.strip("{}") for name, value in pairs}
-
-
-@run_cases(
-    "entry",
-    [emcee.__bibtex__, arviz_base.citations().split("@article")[1].split("\n\n")[0]],
-    ["emcee", "arviz"],
-)
-def test_libraries_are_cited_as_they_ask_for(entry: str) -> None:
-    theirs = fields(entry)
-    (ours,) = (own for e in ENTRIES.values() if (own := fields(e)).get("doi") == theirs["doi"])
-    for name in ("title", "year", "volume", "number", "eprint"):
-        assert ours.get(name, "") == theirs.get(name, "")
-    assert ours["pages"].replace("--", "-") == theirs["pages"]
-    authors = ours["author"].split(" and ")
-    assert len(authors) == theirs["author"].count(" and ") + 1
-    assert all(author.split(",")[0] in theirs["author"] for author in authors)
-
-
-def test_the_paper_is_cited_as_its_page_names_it() -> None:
-    page = " ".join((ROOT / "docs" / "paper.md").read_text().split())
-    paper = fields(ENTRIES["sandoval2013"])
-    assert paper["title"] in page
-    assert f"{paper['booktitle']}, arXiv {paper['eprint']}" in page
-    assert "doi" not in paper  # none is known
 
 
 def test_any_bibtex_reads_the_entries() -> None:

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,14 +10,13 @@ from support.scipy_oracles import ORDER, skewed
 from support.small_problems import vector
 
 from bayesdrill.inference.posterior import Posterior
-from benchmarks import modal, problem, tables, verdict
+from benchmarks import modal, problem, verdict
 from benchmarks.modal import COORDINATES, Modal
 from benchmarks.peers import naive
 
 Array = np.ndarray
 
 N_POINTS = 40
-NOISE = np.random.default_rng(7).standard_normal((4, 8, 2, 1))
 
 
 @pytest.fixture(scope="module")
@@ -117,17 +115,6 @@ def test_modal_coordinates_go_back_and_know_their_jacobian(
         assert log_det == pytest.approx(true, abs=1e-5)
 
 
-def test_chains_of_peers_begin_on_the_ridge(job: problem.Job, points: Array) -> None:
-    """As wide as the posterior along it, and hardly lower than its top; starts around the MAP in logs,
-    where the ridge is bent, would be thousands below.
-    """
-    target = job.problem.posterior
-    nominal = target.space.vector(job.problem.nominal)
-    lost = target.density(nominal[None])[0] - target.density(points)
-    assert np.median(lost) < 50
-    assert np.std(np.log(points), axis=0).max() > 0.1
-
-
 def test_jax_gives_our_density_over_modal_coordinates(job: problem.Job, points: Array) -> None:
     jax = pytest.importorskip("jax")
     from benchmarks.peers import chart_jax
@@ -169,20 +156,6 @@ def test_the_walls_of_the_box_are_unfolded_with_their_jacobian(
     assert np.ptp(differences) < 1e-5
 
 
-def test_independent_draws_are_all_effective() -> None:
-    """4000 draws; the worst parameter counts, and not the mean: in the end the last one creeps."""
-    rng = np.random.default_rng(4)
-    draws = rng.standard_normal((4, 1000, 3))
-    good = verdict.judge(draws)
-    assert good.enough
-    assert good.ess == pytest.approx(4000, rel=0.15)
-    for t in range(1, 1000):
-        draws[:, t, 2] = 0.995 * draws[:, t - 1, 2] + 0.1 * draws[:, t, 2]
-    bad = verdict.judge(draws)
-    assert bad.ess < 100
-    assert not bad.enough
-
-
 def test_a_run_that_disagrees_with_itself_has_not_converged() -> None:
     """However many effective draws it has."""
     draws = np.random.default_rng(5).standard_normal((4, 1000, 2))
@@ -200,22 +173,3 @@ def test_a_short_ensemble_has_not_converged_however_many_walkers_it_has() -> Non
     assert judged.tau == pytest.approx(390, rel=0.2)
     assert not judged.enough
     assert judged.ess < 4 * 64 * 600 / 39
-
-
-def test_the_long_run_is_evaluations_over_the_autocorrelation_time() -> None:
-    judged = verdict.judge_ensembles(NOISE, 1)
-    long = verdict.result("long", "physical", judged, seconds=1.0, work=1.0)
-    long = dataclasses.replace(long, tau=50.0)
-    short = dataclasses.replace(long, tau=None, seconds=60.0, work=6000.0)
-    combined = naive.in_the_long_run(short, long)
-    assert combined.rate == pytest.approx(2.0)
-    assert not combined.converged
-
-
-def test_tables_are_put_between_their_marks(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text("a\n<!-- x -->\nold\n<!-- /x -->\nb\n")
-    tables.insert(page, "x", ["new"])
-    assert page.read_text() == "a\n<!-- x -->\nnew\n<!-- /x -->\nb\n"
-    with pytest.raises(ValueError, match="no place for 'y'"):
-        tables.insert(page, "y", [])

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from support.case_tables import run_cases
 
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Coordinates
@@ -28,17 +27,6 @@ KINDS = {"gap", "delay", "aliases", "friction", "signs", "mixed"}
 def test_every_mode_is_sampled_with_its_mass(puzzle: Puzzle, tmp_path: Path) -> None:
     outcome = judge.run(puzzle, tmp_path)
     assert outcome.passed, (outcome.modes.masses, outcome.found, outcome.reasons)
-
-
-@pytest.mark.slow
-@run_cases("puzzle", EVERY)
-def test_a_grid_twice_as_fine_has_the_same_masses(puzzle: Puzzle, tmp_path: Path) -> None:
-    posterior = puzzle.load(tmp_path).job.problem.posterior
-    usual, finer = (puzzle.modes(posterior, n) for n in (1, 2))
-    shown = usual.above(judge.SHOWN)
-    assert len(shown) > 1
-    assert finer.masses[shown] == pytest.approx(usual.masses[shown], rel=0.01)
-    assert finer.masses[len(shown) :].max(initial=0.0) < 1.05 * judge.SHOWN
 
 
 def test_puzzles_are_of_every_kind() -> None:
@@ -90,17 +78,6 @@ def test_a_grid_has_the_masses_of_normal_densities() -> None:
     bell = rng.choice(3, 20_000, p=[0.2, 0.5, 0.3])
     z = THREE.middles[bell] + THREE.sds[bell] * rng.standard_normal((20_000, 2))
     assert modes.shares(z) == pytest.approx(np.bincount(bell) / 20_000, abs=1e-3)
-
-
-def test_a_held_number_may_split_a_mode_in_two() -> None:
-    assert THREE.modes(("b", 0.3)).masses == pytest.approx([0.3, 0.3, 0.3, 0.1], rel=3e-2)
-
-
-@run_cases("apart, count", [(4.0, 1), (8.0, 2)])
-def test_a_shallow_valley_parts_nothing(apart: float, count: int) -> None:
-    """Of two bells of one sd four sds apart it is e^-1.3 deep, eight apart e^-7."""
-    middles = np.array([[0.0, 0.5], [0.05 * apart, 0.5]])
-    assert len(Bells(np.full(2, 0.5), middles, np.full((2, 2), 0.05)).modes().masses) == count
 
 
 def outcome(

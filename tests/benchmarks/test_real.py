@@ -1,7 +1,6 @@
 """Configs of rigs that others measured are sound without their data, and the table is consistent."""
 
 import dataclasses
-import json
 import re
 from pathlib import Path
 
@@ -11,7 +10,6 @@ from support.case_tables import run_cases
 
 from bayesdrill.config import loading
 from benchmarks.real import __main__ as real
-from benchmarks.real import bam, crossed
 from benchmarks.real.benches import BENCHES, EPFL, WATERLOO, Bench, File
 
 
@@ -45,30 +43,6 @@ def test_the_frequencies_of_three_discs_are_those_of_their_matrix() -> None:
     expected = np.sqrt(np.sort(squares)[1:])
     values = {"k_shaft_1": k, "j_disc_1": j, "r": r}
     assert [c.figure(values) for c in EPFL.criteria] == pytest.approx(expected)
-
-
-def test_a_duty_below_zero_is_read_and_the_free_swing_is_cut(tmp_path: Path) -> None:
-    """A load of 65536 - 885 is a duty, and a step has the mean of its voltage."""
-    names = ("timestamp", "position", "load", "input_volts", "torque_enable")
-    clock = [0.0, 0.006, 0.013, 0.02, 0.026, 0.033, 0.041, 0.05]
-    rows = [(t, 2 * t, 65536 - 885, 7.0 + (t > 0.015), t < 0.045) for t in clock]
-    entries = [dict(zip(names, row, strict=True)) for row in rows]
-    source = tmp_path / "record.json"
-    source.write_text(json.dumps({"kp": 1, "trajectory": "x", "entries": entries}), "utf-8")
-    target = bam.convert(source, tmp_path / "made")
-    t, angle, voltage = np.loadtxt(target, delimiter=",", skiprows=1, unpack=True)
-    assert target.name == "kp1_x.csv"
-    assert t == pytest.approx([0.0, 0.02])
-    assert angle == pytest.approx(2 * t)
-    assert voltage == pytest.approx([-7.0, -8.0])
-
-
-def test_a_config_without_its_friction_names_files_that_exist_from_anywhere() -> None:
-    names = ["f_c_cart_1", "f_c_cart_2"]
-    data = crossed.described(WATERLOO, names)
-    assert not {*names} & ({*data["parameters"]} | {*data["nominal"]})
-    files = [Path(each["record"]["file"]) for each in data["experiments"].values()]
-    assert files == [WATERLOO.place(file) for file in WATERLOO.files]
 
 
 def test_other_files_and_benches_are_refused() -> None:

@@ -2,12 +2,10 @@
 
 from pathlib import Path
 
-import pytest
 from support.case_tables import run_cases
 from support.command_line import ROOT
 from support.config_texts import write, write_composed
 from support.described_rigs import LINEAR, ROTARY, save_records
-from support.scipy_oracles import NOMINAL
 
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, prepare
@@ -20,19 +18,6 @@ TIES = (CONFIGS / "example_ties.yaml").read_text().replace("records/", f"{CONFIG
 
 def fingerprint(job: Job) -> dict[str, str]:
     return provenance.fingerprint(job.config, job.problem)
-
-
-def test_the_bundled_config_says_what_the_documents_say() -> None:
-    problem = prepare(CONFIGS / "nominal_step.yaml").problem
-    experiment, noise = problem.experiment, problem.posterior.likelihood.only_observation.noise
-    assert experiment.y.shape == (1001, 4)
-    assert experiment.dt == pytest.approx(0.01)
-    assert experiment.constant == {"v": 8.0, "t_1": 0.0}
-    assert noise.known == dict.fromkeys(range(4), 0.1)
-    priors = problem.posterior.space.priors
-    assert tuple(priors) == tuple(NOMINAL)
-    for name, prior in priors.items():
-        assert (prior.low, prior.high) == pytest.approx((0.5 * NOMINAL[name], 1.5 * NOMINAL[name]))
 
 
 @run_cases(

@@ -1,8 +1,6 @@
 """Cases that run in one test lose nothing: each of them runs, and each that fails is named."""
 
-import os
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from support.case_tables import for_each, run_cases
@@ -35,29 +33,6 @@ def test_every_case_runs_and_each_that_fails_is_named_with_its_line(
         assert reason in text
     assert "zero: " not in text
     assert "test_case_tables.py:" in text
-
-
-@run_cases("second", ["x", "y"])
-@run_cases("first", ["a", "b"])
-def test_each_case_has_a_folder_and_an_environment_of_its_own(
-    first: str, second: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert list(tmp_path.iterdir()) == []
-    assert "OF_ONE_CASE" not in os.environ
-    (tmp_path / f"{first}{second}").touch()
-    monkeypatch.setenv("OF_ONE_CASE", first)
-
-
-def listed(tmp_path: Path) -> list[Path]:
-    return [tmp_path]
-
-
-@run_cases("number", [1, 2], folders=listed)
-def test_fixtures_that_are_made_again_are_made_for_each_case(
-    number: int, folders: list[Path], tmp_path: Path
-) -> None:
-    assert folders == [tmp_path]
-    folders.append(tmp_path)
 
 
 def test_a_table_without_cases_is_a_mistake() -> None:

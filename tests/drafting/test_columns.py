@@ -163,28 +163,3 @@ def test_structures_of_simulink_are_read_one_record_at_a_time(tmp_path: Path) ->
     message = refusal(tmp_path / "two.mat")
     assert "holds 2 records: a, b" in message
     assert '--columns "a.signals(1).values=' in message
-
-
-def test_an_array_of_structs_is_read_with_names_and_units(tmp_path: Path) -> None:
-    y = np.zeros((1, 2), dtype=[(name, "O") for name in ("Name", "Data", "Unit", "XIndex")])
-    y[0, 0] = ("Model/speed", SPEED[None], "rad/s", 1)
-    y[0, 1] = ("u", VOLTAGE[None], "mV", 1)
-    path = tmp_path / "r.mat"
-    scipy.io.savemat(path, {"run": {"X": {"Data": T[None], "Name": ""}, "Y": y}})
-    draft = draft_of(path)
-    assert channels_of(draft) == {"w_2": ("run.Y(1).Data", "rad/s")}
-    assert draft["inputs"]["v"]["unit"] == "mV"
-    assert draft["record"]["time"] == {"column": "run.X.Data", "unit": "s"}
-    train = draft_of(path, "run.Y(2).Data=i_motor [mA]", "run.Y(1).Data=w_motor [rad/s]")
-    assert train["record"]["time"]["column"] == "run.X.Data"
-    assert channels_of(train) == {"w_motor": ("run.Y(1).Data", "rad/s")}
-
-
-def test_columns_without_heads_that_stand_still_have_the_names_of_their_logger(
-    tmp_path: Path,
-) -> None:
-    rows = np.column_stack([T, *(0 * T + 2.4e-311 for _ in range(8))]).tolist()
-    (tmp_path / "r.json").write_text(f'{{"slow-forward": {rows}}}')
-    assert "nothing moved: every row has the same slow-forward.left position" in refusal(
-        tmp_path / "r.json"
-    )

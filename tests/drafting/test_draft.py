@@ -14,7 +14,6 @@ from support.first_configs import (
     DEG,
     RECORD,
     RPM,
-    T,
     channels_of,
     draft_of,
     german_record,
@@ -28,7 +27,7 @@ from support.small_problems import starts_believed
 
 import bayesdrill as bd
 from bayesdrill.config import loading
-from bayesdrill.config.records import reading, simulation
+from bayesdrill.config.records import simulation
 
 CONFIGS = command_line.ROOT / "configs"
 
@@ -121,25 +120,6 @@ def test_bundled_records_come_back_as_their_configs_have_them(name: str, tmp_pat
     assert "initial" not in draft
 
 
-def test_a_newcomers_record_is_understood(tmp_path: Path) -> None:
-    draft = draft_of(write_table(tmp_path / "messung 07.csv", german_record()))
-    assert channels_of(draft) == {
-        "theta_1": ("phi_Rotor_deg", "deg"),
-        "w_1": ("n_Rotor", "rpm"),
-        "motor": ("n_Motor", "rpm"),
-    }
-    assert draft["record"]["time"] == {"column": "Zeit_ms", "unit": "ms"}
-    assert draft["record"]["channels"]["motor"]["measures"] == "5 * w_2"
-    assert draft["model"]["i_m"] == 0.2
-    v = draft["inputs"]["v"]
-    assert (v["column"], v["unit"], v["hold"]) == ("U_Motor", "V", "zero")
-    assert v["offset"] == {"prior": "normal", "mean": 0, "sd": pytest.approx(0.13, abs=0.005)}
-    assert draft["inputs"]["t_0"] == {"prior": "uniform", "low": -0.005, "high": 0.005}
-    assert draft["parameters"]["t_f"] == 0.0  # it turns both ways
-    for name, sigma in (("theta_1", 0.5), ("w_1", 1.0), ("motor", 6.0)):
-        assert 1 / 1.5 < noise(draft, name) / sigma < 1.5
-
-
 def test_every_guess_is_marked_and_what_the_record_says_is_not(tmp_path: Path) -> None:
     lines = draft_of(write_table(tmp_path / "r.csv", german_record()))["text"].splitlines()
 
@@ -203,14 +183,6 @@ def test_what_cannot_be_used_is_left_out_with_its_reason(tmp_path: Path) -> None
         assert why in reason, name
 
 
-def test_a_wide_table_is_summed_up(tmp_path: Path) -> None:
-    rng = np.random.default_rng(2)
-    more = {f"c{k}": rng.normal(size=len(T)) for k in range(60)}
-    said = draft_of(write_table(tmp_path / "r.csv", {**RECORD, **more}))["said"]
-    assert len(said.splitlines()) < 30
-    assert "not used: others, see the config" in said
-
-
 def test_a_time_with_the_head_of_a_twist_does_no_harm(tmp_path: Path) -> None:
     """It grows evenly, so that its law leaves nothing of it at all."""
     head, *rows = (CONFIGS / "records" / "nominal_step.csv").read_text().splitlines()
@@ -264,28 +236,6 @@ def test_more_files_than_a_config_holds_are_named(tmp_path: Path) -> None:
     assert not (tmp_path / "all.yaml").exists()
 
 
-@run_cases(
-    "text, message",
-    [
-        (None, "no such file"),
-        ("t,humidity\n" + "".join(f"{k},{k % 7}\n" for k in range(50)), "no column is an angle"),
-        ("t,w_1\n0,1\n1,2\n", "20 numbers or more"),
-    ],
-)
-def test_hopeless_files_are_refused_and_nothing_is_written(
-    text: str | None, message: str, tmp_path: Path
-) -> None:
-    path = tmp_path / "r.csv"
-    if text is not None:
-        path.write_text(text)
-    before = command_line.listing(tmp_path)
-    refused = command_line.cli("init", path)
-    assert refused.status == 2
-    assert message in refused.err
-    assert "Traceback" not in refused.err
-    assert command_line.listing(tmp_path) == before
-
-
 @pytest.mark.parametrize("name", ["gear", "voltage", "rate"])
 def test_impossible_numbers_are_input_errors(name: str, tmp_path: Path) -> None:
     path = write_table(tmp_path / "r.csv", RECORD)
@@ -333,19 +283,6 @@ def test_check_draws_the_record_of_each_experiment(tmp_path: Path) -> None:
 # --- rigs, their nominal values and priors ---------------------------------------------------------
 
 
-def test_without_a_data_sheet_priors_follow_the_record(tmp_path: Path) -> None:
-    """A rig with a thousandth of the torque has priors around a thousandth."""
-    columns = german_record()
-    draft = draft_of(write_table(tmp_path / "r.csv", columns), gear=5)
-    priors = draft["parameters"]
-    assert "nominal" not in draft
-    assert all(prior == 0.0 or prior["prior"] == "log_uniform" for prior in priors.values())
-    columns["U_Motor"] = 1e-3 * columns["U_Motor"]
-    small = draft_of(write_table(tmp_path / "s.csv", columns), gear=5)["parameters"]
-    for name, power in {"k_e": 1, "k_T": 1, "j_1": 2, "k_s": 2}.items():
-        assert small[name]["low"] / priors[name]["low"] == pytest.approx(1e-3**power, rel=0.1), name
-
-
 def test_a_data_sheet_becomes_the_nominal_table(tmp_path: Path) -> None:
     record, sheet = write_table(tmp_path / "r.csv", german_record()), tmp_path / "sheet.yaml"
     sheet.write_text(
@@ -367,42 +304,3 @@ def test_a_data_sheet_becomes_the_nominal_table(tmp_path: Path) -> None:
     sheet.write_text("k_T: 3\nk_e: 1\nk_T: 4\n")
     message = refusal(record, sheet=sheet, force=True)
     assert "sheet.yaml:3: k_T: this key stands already in line 1" in message
-
-
-# --- records of other rigs -------------------------------------------------------------------------
-
-
-def test_a_servo_is_understood(tmp_path: Path) -> None:
-    """The twist is 3.3 ms late, which `square` alone tells, and the voltage 0.06 V less."""
-    files = [shared(f"data/simulated_servo/{name}.csv") for name in ("slow", "square", "sweep")]
-    draft = draft_of(files, config=tmp_path / "mine.yaml", gear=14)
-    assert list(draft["experiments"]) == ["slow", "square", "sweep"]
-    lag = draft["record"]["channels"]["twist"]["lag"]
-    assert lag["unit"] == "ms"
-    assert lag["low"] < 1 < 3.3 < 10 < lag["high"] < 30
-    assert "lag" not in draft["record"]["channels"]["theta_2"]
-    assert draft["inputs"]["v"]["offset"]["sd"] > 0.06
-    assert {"offset_v", "lag_twist", "t_0", "sigma_twist"} < {*draft["shared"]}
-    assert "initial" not in draft
-    assert channels_of(draft) == {
-        "theta_2": ("theta [deg]", "deg"),
-        "twist": ("alpha [deg]", "deg"),
-    }
-    assert draft["record"]["time"] == {"column": "time [ms]", "unit": "ms"}
-    assert draft["inputs"]["v"]["unit"] == "V"
-
-
-def test_screw_drives_in_exports_of_their_controller(tmp_path: Path) -> None:
-    """One was opened in a spreadsheet, where a cell was changed by hand; the others are read."""
-    folder = shared("cases/ucl_screw_drives")
-    changed = folder / "drive3" / "steady_2.csv"
-    fault = "line 15: column 'Torque actual value averaged': '-800,,was -11.1'"
-    assert fault in refusal(changed)
-    asked = draft_of(folder / "drive1" / "steady_10.csv", config=tmp_path / "v.yaml")
-    assert "inputs.v: this entry is missing" in asked["said"]
-    assert "goes against" not in asked["said"]
-    names = "1=t [ms]", "2=w_2 [rpm]", "3=t_m [% of 9.84 mN*m]"
-    for path in sorted({*folder.rglob("*.csv")} - {changed})[::4]:
-        draft_of(path, *names, config=tmp_path / "s.yaml", rig="motor")
-        record = reading.read(loading.load(tmp_path / "s.yaml").experiments[0])
-        assert len(record.t) == 500

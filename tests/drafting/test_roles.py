@@ -7,43 +7,11 @@ import numpy as np
 import pytest
 import scipy.linalg
 from support.case_tables import run_cases
-from support.first_configs import RPM, draft_of, german_record, reversing_rig, shared, write_table
+from support.first_configs import RPM, draft_of, german_record, reversing_rig, write_table
 
 import bayesdrill as bd
 
 # --- when inputs act, and what is late -------------------------------------------------------------
-
-
-def test_a_delay_of_more_than_a_sample_lies_inside_the_prior(tmp_path: Path) -> None:
-    """The truth is 25 ms; the speed is a difference of counts, with the noise of its steps."""
-    path = shared("cases/small/t0_prior_end/rec.csv")
-    names = "t=t [s]", "u=u_rotor [V]", "y=w_rotor [deg/s]"
-    draft = draft_of(path, *names, config=tmp_path / "s.yaml")
-    assert draft["inputs"]["t_0"]["low"] < 0.025 < 0.9 * draft["inputs"]["t_0"]["high"] < 0.1
-    sigma = draft["record"]["channels"]["w_rotor"]["sigma"]
-    assert sigma["low"] == pytest.approx(6.43 / np.sqrt(6) / 10, rel=0.01)
-    assert "a difference of counts? It goes in steps of 6.4286 deg/s" in draft["words"]
-    assert "The speed follows about 20 ms late" in draft["words"]
-
-
-@run_cases("late, expected", [(0.020, True), (0.0, False)])
-def test_a_delay_of_many_samples_is_proposed_with_a_reason(
-    late: float, expected: bool, tmp_path: Path
-) -> None:
-    """A motor with a time constant of 50 ms, sampled every millisecond."""
-    rng, n = np.random.default_rng(4), 3000
-    voltage = np.repeat(rng.choice([-6.0, 6.0], n // 60), 60)
-    delayed = np.concatenate([np.zeros(round(1000 * late)), voltage])[:n]
-    w = np.zeros(n)
-    for k in range(n - 1):
-        w[k + 1] = w[k] + 0.02 * (20.0 * delayed[k] - w[k])
-    rows = np.column_stack([0.001 * np.arange(n), voltage, w + 2.0 * rng.standard_normal(n)])
-    np.savetxt(tmp_path / "r.csv", rows, "%.5g", ",", header="t,u,y", comments="")
-    names = "t=t [s]", "u=u_rotor [V]", "y=w_rotor [rad/s]"
-    draft = draft_of(tmp_path / "r.csv", *names, config=tmp_path / "s.yaml")
-    words = "A delay and a time constant can stand for each other"
-    assert (words in draft["words"]) == expected
-    assert (draft["inputs"]["t_0"]["high"] > late + 0.002) == expected
 
 
 def angle_and_twist(t: np.ndarray, late: float, w: float) -> tuple[np.ndarray, np.ndarray]:
@@ -136,18 +104,6 @@ def test_a_record_begins_steadily_or_elsewhere_than_at_zero(tmp_path: Path) -> N
     assert "initial" not in draft
     offset = draft["record"]["channels"]["theta_2"]["offset"]
     assert (offset["mean"], offset["sd"]) == (0, pytest.approx(6.0, rel=0.05))
-
-
-def test_a_rig_that_nothing_drives_begins_in_an_unknown_state(tmp_path: Path) -> None:
-    """A beam that is held and then let go, its upper end at rest."""
-    t = 0.001 * np.arange(2000)
-    angle = 12.0 * np.where(t < 0.1, 1.0, np.exp(-(t - 0.1)) * np.cos(24.0 * (t - 0.1)))
-    noisy = angle + np.random.default_rng(1).normal(0, 0.1, len(t))
-    path = write_table(tmp_path / "r.csv", {"t [s]": t, "theta_1 [deg]": noisy})
-    draft = draft_of(path, rig="driven_shaft")
-    assert draft["initial"] == "free"
-    assert draft["record"]["window"][0] == pytest.approx(0.1, abs=0.02)
-    assert "t_0" not in draft["inputs"]
 
 
 def test_a_rig_that_coasts_says_how_large_its_current_may_be(tmp_path: Path) -> None:

@@ -35,18 +35,6 @@ def test_the_derivative_of_an_angle_tells_both_units(
     assert "the end of the shaft is not stated" in draft["words"]
 
 
-@run_cases("unit", ["rpm", "rad/s"])
-def test_speeds_alone_have_the_same_unit(unit: str, tmp_path: Path) -> None:
-    """By the size of the slower one, as the motor's is multiplied by the gear."""
-    t, _, x = reversing_rig()
-    rng = np.random.default_rng(4)
-    y = (x[:, 2:4] * [1, 5] + rng.normal(0, 0.05, (len(t), 2))) * SIZES[unit]
-    columns = {"t": t, "speed motor": y[:, 1], "speed bit": y[:, 0]}
-    draft = draft_of(write_table(tmp_path / "r.csv", columns))
-    assert channels_of(draft) == {"w_1": ("speed bit", unit), "motor": ("speed motor", unit)}
-    assert draft["record"]["channels"]["motor"]["measures"] == "5 * w_2"
-
-
 def test_without_times_an_angle_and_its_speed_tell_the_rate(tmp_path: Path) -> None:
     columns = german_record()
     del columns["Zeit_ms"]

@@ -27,15 +27,6 @@ def test_noise_is_that_of_a_swing_or_of_the_counts() -> None:
     assert signals.counted_unit(swing) == ""
 
 
-@run_cases("unit, size", [("s", 1e3), ("ms", 1.0), ("us", 1e-3)])
-def test_the_unit_of_time_follows_from_its_steps(unit: str, size: float, tmp_path: Path) -> None:
-    columns = german_record()
-    t = columns.pop("Zeit_ms") / size
-    draft = draft_of(write_table(tmp_path / "r.csv", {"t": t, **columns}))
-    assert draft["record"]["time"]["unit"] == unit
-    assert channels_of(draft)["w_1"] == ("n_Rotor", "rpm")
-
-
 def test_gaps_and_missing_cells_are_left_as_they_are(tmp_path: Path) -> None:
     columns = german_record()
     columns["n_Rotor"][300] = np.nan
@@ -46,18 +37,6 @@ def test_gaps_and_missing_cells_are_left_as_they_are(tmp_path: Path) -> None:
     assert "missing" not in draft["inputs"]["v"]
     assert "800 missing in 1 gap" in draft["words"]
     assert channels_of(draft)["w_1"] == ("n_Rotor", "rpm")
-
-
-def test_uneven_times_are_not_resampled(tmp_path: Path) -> None:
-    columns = german_record()
-    kept = np.sort(np.random.default_rng(7).choice(1600, 1200, replace=False))
-    kept[0] = 0
-    columns = {name: x[kept] for name, x in columns.items()}
-    draft = draft_of(write_table(tmp_path / "r.csv", columns))
-    assert channels_of(draft)["w_1"] == ("n_Rotor", "rpm")
-    assert draft["record"]["channels"]["motor"]["measures"] == "5 * w_2"
-    assert "window" not in draft["record"]
-    assert "nothing is resampled" in draft["words"]
 
 
 def test_infinite_cells_and_rows_without_an_input_are_cut_off(tmp_path: Path) -> None:

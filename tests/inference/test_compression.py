@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
@@ -32,7 +31,6 @@ Array = NDArray[np.float64]
 T = np.arange(24_001) / 500.0
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 SAMPLED = 6001  # samples of records that are sampled exactly too
-RHO = 0.8
 LEVEL = {"prior": "log_uniform", "low": 0.01, "high": 1.0}
 
 
@@ -71,16 +69,6 @@ def sampled(likelihood: str) -> bd.Run:
     return case(likelihood, SAMPLED).sample(processes=1)
 
 
-@cache
-def coloured(likelihood: str) -> bd.Run:
-    """A run of a record in which the noise of one channel is autoregressive."""
-    t, v, w, rng = speeds(4201, 6)
-    noise = 0.1 * rng.standard_normal(w.shape)
-    noise[1] = lfilter([np.sqrt(1.0 - RHO**2)], [1.0, -RHO], noise[1])
-    free = ("k_e", "r_m", "k_s")
-    return case_of(t, v, w + noise, free, likelihood, noise="ar1").sample(processes=1)
-
-
 def difference(one: bd.Run, other: bd.Run) -> float:
     """Return the largest difference of two means, in sds; 0.15 are some five Monte Carlo errors."""
     pairs = zip(one.analysis.unknowns, other.analysis.unknowns, strict=True)
@@ -94,18 +82,6 @@ def test_the_posterior_is_that_of_all_samples() -> None:
     assert difference(compressed, exact) < 0.15
     assert compressed.evidence.log_z == pytest.approx(exact.evidence.log_z, abs=0.1)
     assert compressed.sampled.compression is not None
-    assert exact.sampled.compression is None
-
-
-def test_autoregressive_noise_is_compressed_too() -> None:
-    compressed, exact = coloured("compressed"), coloured("exact")
-    assert difference(compressed, exact) < 0.15
-    rows = {row.name: row for row in compressed.analysis.unknowns}
-    for name, true in (("rho_w_2", RHO), ("k_s", NOMINAL["k_s"])):
-        assert abs(rows[name].mean - true) < 4.0 * rows[name].sd, name
-    check = compressed.sampled.compression
-    assert check is not None
-    assert check.difference < 1e-6
     assert exact.sampled.compression is None
 
 
@@ -169,33 +145,6 @@ def test_the_search_begins_with_an_excerpt_and_ends_with_all_samples() -> None:
             beside = theta.copy()
             beside[column] *= factor
             assert problem.posterior.density(beside[None])[0] < here + 1e-6
-
-
-def test_an_excerpt_without_information_grows(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The rig rests for longer than the first excerpt, and the search still ends compressed."""
-    monkeypatch.setattr(compression, "EXCERPT", 2048)
-    asked = compression.excerpt
-    monkeypatch.setattr(compression, "excerpt", lambda p, n=2048: asked(p, n))
-    t, rng = T[:20_401], np.random.default_rng(8)
-    v = np.where(rng.random(205) < 0.5, 4.0, 12.0).repeat(100)[: len(t)]
-    v[:2500] = 0.0
-    exact = bd.respond(MotorShaft(), {**NOMINAL, "t_f": 0.0}, t, {"v": v}, ["w_1", "w_2"])
-    channels = {
-        name: bd.Channel(exact[name] + 0.1 * rng.standard_normal(len(t)), "rad/s", 0.1)
-        for name in ("w_1", "w_2")
-    }
-    unknown = dict.fromkeys(("k_e", "k_s", "j_1"), BOX)
-    parameters = {**dict.fromkeys(NOMINAL, "nominal"), **unknown, "t_f": 0.0}
-    resting = bd.case(t, channels, {"v": bd.Input(v, "V")}, parameters, nominal="tables_2_3")
-    plan = find_map.fit_plan(resting.job)
-    with WorkerPool(resting.job.problem.posterior, 1) as pool:
-        under_way = fits.begin_searches(pool, plan, Silent())
-        assert under_way.excerpt is not None
-        assert len(under_way.excerpt.likelihood.observations[0].experiment.t) == 2048
-        mode = fits.end_searches(pool, under_way, Silent())
-        assert pool.posterior.likelihood.observations[0].response.functions > 0
-    for name in ("k_e", "k_s", "j_1"):
-        assert mode.values[name] == pytest.approx(NOMINAL[name], rel=0.02)
 
 
 def test_a_record_that_cannot_be_compressed_is_refused_or_exact() -> None:

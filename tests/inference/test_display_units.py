@@ -2,32 +2,25 @@
 
 import csv
 import io
-import json
 import math
 import re
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.mathtext import MathTextParser
 from support.figure_checks import clashes, drawn, marked, si
-from support.figure_contexts import refits
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
-from bayesdrill import output_files
-from bayesdrill.analysis.calibration import LOG_LIKELIHOOD, judge_calibration
-from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.basics import units
-from bayesdrill.basics.symbols import latex_unit, unit_product
-from bayesdrill.inference.display_units import SI, DisplayUnits
-from bayesdrill.inference.priors import LogUniform, Uniform, flat_in_logs
-from bayesdrill.report import publish, words
+from bayesdrill.basics.symbols import latex_unit
+from bayesdrill.inference.display_units import DisplayUnits
+from bayesdrill.report import words
 from bayesdrill.report.comparison_report import ComparisonReport
-from bayesdrill.report.doubts import prior_notes, residual_sentences
+from bayesdrill.report.doubts import prior_notes
 from bayesdrill.report.publish import TABLES
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown
@@ -36,10 +29,9 @@ from bayesdrill.report.sections.overlay import intervals_figure, overlay_corner_
 from bayesdrill.report.sections.parameters import HEADERS, mode_rows, of_mode, of_rows
 from bayesdrill.report.sections.products import derived_table
 from bayesdrill.report.view import ReportContext
-from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.sampling.mode_search import LocalMaximum
-from bayesdrill.tasks import calibrate, comparison, conclusions, run_entries
+from bayesdrill.tasks import comparison, conclusions, run_entries
 
 T = np.linspace(0.0, 6.0, 121)
 FACTORS = {  # of the case in users' units: how many SI each is
@@ -169,29 +161,6 @@ def test_every_prior_of_a_sigma_is_in_the_unit_of_its_column_and_says_so() -> No
         check(**prior)
 
 
-def test_a_prior_in_degrees_is_the_prior_in_radians() -> None:
-    degree, x, u = math.pi / 180, np.geomspace(0.2, 2.5, 7), np.array([0.3])
-    for prior in (LogUniform(1e-3, 1e2), Uniform(0.1, 3.0)):
-        scaled = prior.scaled(1 / degree)
-        density = np.exp(scaled.logpdf(x / degree)) / degree
-        np.testing.assert_allclose(density, np.exp(prior.logpdf(x)))
-        np.testing.assert_allclose(scaled.quantile(u) * degree, prior.quantile(u))
-        assert (scaled.low * degree, scaled.high * degree) == pytest.approx((prior.low, prior.high))
-        assert flat_in_logs(scaled) is flat_in_logs(prior) is isinstance(prior, LogUniform)
-
-
-def test_mistakes_in_the_prior_of_a_quantity_are_told_in_its_unit() -> None:
-    wrong = {"prior": "uniform", "low": 80.0, "high": 30.0, "unit": "mm"}
-    with pytest.raises(bd.InputError, match="low 80 is not below high 30"):
-        bd.case(
-            T,
-            {"w_1": bd.Channel(T, "rpm", 1.0)},
-            {"v": 8.0},
-            dict.fromkeys(NOMINAL, "nominal") | {"k_s": "d/L"},
-            quantities={"d": wrong, "L": 1.0},
-        )
-
-
 # Tables and sentences
 
 
@@ -221,19 +190,6 @@ def test_tables_show_results_in_the_unit_of_the_user() -> None:
                     assert cell == in_si
 
 
-def test_the_table_for_papers_is_in_the_unit_of_the_user() -> None:
-    text = TABLES["table.tex"](pair().own)
-    assert text is not None
-    assert text.isascii()
-    rows = [line.split(" & ") for line in text.splitlines()[5:-2]]
-    for row, cells in zip(pair().own.analysis.unknowns, rows, strict=True):
-        if row.name in UNITS:
-            assert rf"\mathrm{{{UNITS[row.name]}}}" in cells[1]
-            power = re.search(r"10\^\{?(-?\d+)", cells[1])
-            mean = numbers(cells[3])[0] * 10.0 ** int(power[1] if power else 0)
-            assert mean == pytest.approx(row.mean / FACTORS[row.name], rel=5e-2)
-
-
 def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -> None:
     view = pair().own
     other = LocalMaximum(
@@ -251,26 +207,6 @@ def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -
     everything = as_markdown("x", sections(view))
     assert "| sigma_theta_1 | deg |" in everything
     assert "| wide | mm |" in everything
-
-
-def test_times_are_in_the_unit_of_their_column() -> None:
-    summary = pair().own.analysis.fit[0]
-    limits = replace(summary.limits, most=2.0)
-    far = replace(summary, farthest=9.0, rms=1.0, time=0.75, limits=limits)
-    clock = units.display_unit("ms", "s")
-    assert "theta_1 9 at 750 ms" in residual_sentences([far], clock)
-
-
-def test_figures_show_the_same_draws_in_the_units_of_the_user() -> None:
-    for name in ("trace", "prior_posterior"):
-        own, plain = (
-            publish.drawings(name, view)[name].arguments for view in (pair().own, pair().plain)
-        )
-        factors = [FACTORS.get(symbol.name, 1.0) for symbol in plain[1].symbols]
-        assert own[0] * np.array(factors) == pytest.approx(plain[0])
-        for symbol in own[1].symbols:
-            assert symbol.latex_unit == UNITS.get(symbol.name, symbol.latex_unit)
-    assert {symbol.name for symbol in own[1].symbols} >= {"d", "sigma_w_1"}
 
 
 # Several runs
@@ -371,18 +307,6 @@ def test_every_variable_of_the_tree_has_a_unit() -> None:
 # Units
 
 
-def test_units_of_speeds_are_shown_as_they_are_written() -> None:
-    for name, latex, factor in (
-        ("rpm", "rpm", math.pi / 30),
-        ("revolution/s", "revolution/s", 2 * math.pi),
-        ("deg / ms", "deg/ms", math.radians(1e3)),
-        ("\u00b0/s", r"{{}^{\circ}}/s", math.radians(1.0)),
-    ):
-        unit = units.display_unit(name, "rad/s")
-        assert (unit.name, unit.latex) == (name, latex)
-        assert unit.factor == pytest.approx(factor)
-
-
 def test_every_unit_is_a_formula_that_fonts_have() -> None:
     """In what LaTeX and matplotlib both read: ASCII, balanced, and parsed."""
     written = (
@@ -408,65 +332,4 @@ def test_a_unit_that_formulas_do_not_have_is_shown_in_si() -> None:
         assert shown.format_value("d", 3e-10) == f"3e-10 {si_unit.replace('**', '^')}"
 
 
-def test_what_has_no_unit_of_its_own_stays_as_it_is() -> None:
-    row = pair().own.analysis.unknowns[0]
-    assert row.name == "k_e"
-    assert pair().own.units.rows([row]) == (row,)
-    assert SI.format_value("k_s", 0.26) == "0.26"
-    assert DisplayUnits({"q": units.display_unit("1")}).format_value("q", 0.5) == "0.5"
-    assert unit_product(["ohm", "H", "V"], (1, -2, 0)) == "(ohm)*(H)**-2"
-    assert unit_product(["ohm", "H"], (0, 1)) == "H"
-
-
 # Figures as the config wants them
-
-
-def job_with(**output: Any) -> Any:
-    config = users().job.config.output.model_copy(update=output)
-    return users().job.with_settings(output=config)
-
-
-def width_of_svg(path: Path) -> float:
-    return float(re.findall(r'width="([\d.]+)pt"', path.read_text())[0]) / 72
-
-
-def test_a_profile_is_in_the_unit_of_the_user_and_as_large_as_the_config_wants(
-    tmp_path: Path,
-) -> None:
-    line = np.linspace(2.9e-3, 3.1e-3, 9)
-    loss = ((line - 3e-3) / 3e-5) ** 2
-    profile = Profile(
-        name="d", values=line, loss=loss, best=3e-3, low=2.94e-3, high=3.06e-3, shape="bounded"
-    )
-    study = replace(
-        users().identify(),
-        job=job_with(formats=["svg"], size="single", dpi=90),
-        profiles=(profile,),
-    )
-    assert study.text.splitlines()[-1].split()[:5] == ["d", "mm", "3", "2.94", "3.06"]
-    study.save(tmp_path)
-    figures = sorted((tmp_path / "figures").iterdir())
-    assert [path.name for path in figures] == ["profiles.svg", "spectrum.svg"]
-    assert "![profiles](figures/profiles.svg)" in (tmp_path / "identify.md").read_text()
-    assert [width_of_svg(path) for path in figures] == pytest.approx([3.4, 3.4])
-    assert "mathrm{mm}" in figures[0].read_text()
-
-
-def test_a_maximum_is_drawn_in_the_formats_that_the_config_wants(tmp_path: Path) -> None:
-    bd.Best(job_with(formats=["svg"]), pair().own.mode, users().columns).save(tmp_path / "map")
-    assert [p.name for p in (tmp_path / "map" / "figures").iterdir()] == ["fit.svg"]
-    assert "figures/fit.svg" in json.loads((tmp_path / "map" / "run.json").read_text())["files"]
-    assert "figures/fit.svg" in (tmp_path / "map" / "map.md").read_text()
-
-
-def test_a_calibration_is_drawn_as_the_config_wants_and_replaces_its_older_files(
-    tmp_path: Path,
-) -> None:
-    verdict = judge_calibration([*users().unknowns, LOG_LIKELIHOOD], refits(5, seed=2), 99)
-    for kind, size in (("png", "double"), ("svg", "single")):
-        with Folder(tmp_path, "force", {}, output_files.CALIBRATE) as folder:
-            folder.write_run(status="running")
-            calibrate._draw(job_with(formats=[kind], size=size), folder, verdict)
-        (file,) = (tmp_path / "figures").iterdir()
-        assert file.name == f"calibration.{kind}"
-    assert width_of_svg(file) == pytest.approx(3.4)

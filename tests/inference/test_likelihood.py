@@ -14,9 +14,6 @@ from support.scipy_oracles import NOMINAL
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import residual_summaries
-from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.sensors import ObservationModel
 
 # --- two experiments with sensors and starts of their own -------------------------------------------
 
@@ -54,18 +51,6 @@ def test_the_joint_likelihood_is_the_sum_of_its_experiments() -> None:
     for theta in points(joint()):
         expected = sum(log_likelihood_by_names(theta, label) for label in ("late", "moving"))
         assert joint().likelihood(theta[None])[0] == pytest.approx(expected, rel=1e-10)
-
-
-def test_an_unknown_of_one_experiment_moves_it_alone_and_a_shared_one_all() -> None:
-    posterior = joint()
-    theta, names = points(posterior, 1), posterior.space.free
-    base = posterior.likelihood.all_signals(theta)
-    for d, name in enumerate(names[: names.index("sigma_twist")]):
-        other = theta.copy()
-        other[0, d] += 0.01 * posterior.space.unknowns[d].prior.quantile(np.array(0.9))
-        moved = posterior.likelihood.all_signals(other)
-        changed = [not np.array_equal(a, b) for a, b in zip(base, moved, strict=True)]
-        assert changed == [not name.endswith("_moving"), not name.endswith("_late")], name
 
 
 @run_cases("level, experiment", [("known", 0), ("unknown", 1)])
@@ -109,31 +94,6 @@ def test_a_torque_of_no_size_is_no_torque() -> None:
     residuals = observation.residuals(target.space.full(theta))
     expected = white.log_likelihood(residuals, theta[:, 9:10]).sum(axis=1)
     assert target.likelihood(theta) == pytest.approx(expected, abs=1e-5)
-
-
-def test_a_missing_torque_is_identified_by_its_place_and_process() -> None:
-    observation = with_torque()[0].likelihood.only_observation
-    key = {"at": "rotor_1", "smoothness": "3/2", "s_d": "s_d", "tau_d": "tau_d"}
-    assert observation.key == key
-    held = replace(observation, process={**observation.process, "s_d": 0.2})
-    assert held.key == {**key, "s_d": 0.2}
-
-
-def test_the_terms_of_all_samples_sum_to_the_likelihood_and_samples_may_be_missing() -> None:
-    target, theta = with_torque()[0], near_truth(2)
-    observation = target.likelihood.only_observation
-    samples = observation.residuals(target.space.full(theta)).samples
-    terms = observation.pointwise(samples, theta)
-    assert target.likelihood(theta) == pytest.approx(terms.sum(axis=(1, 2)), abs=1e-7)
-    y = np.array(observation.experiment.y)
-    y[20:30, 1] = np.nan
-    record = replace(observation.experiment, y=y)
-    response = simulator(MotorShaft(), record, ObservationModel())
-    fewer = observation.with_simulator(response, observation.parameters)
-    noise = observation.noise.with_counts(record.counts)
-    gaps = target.edit(convert=lambda _: replace(fewer, noise=noise))
-    assert np.isfinite(gaps.likelihood(theta)).all()
-    assert gaps.likelihood.n_measured == target.likelihood.n_measured - 10
 
 
 def test_a_fixed_covariance_is_that_of_one_rig_whatever_rig_the_residuals_are_of() -> None:

@@ -12,9 +12,9 @@ from scipy.integrate import quad
 from support.case_tables import run_cases
 
 from bayesdrill.inference.noise.ar1 import AR1
-from bayesdrill.inference.noise.contract import Noise, NoisyChannel, fit_noise
+from bayesdrill.inference.noise.contract import Noise, NoisyChannel
 from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed, noise_for_record
-from bayesdrill.inference.noise.quantised import Quantised, _information
+from bayesdrill.inference.noise.quantised import Quantised
 from bayesdrill.inference.noise.student_t import StudentT
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform
@@ -134,19 +134,6 @@ def test_slopes_of_an_ar1_noise_with_gaps_scatter_by_its_information() -> None:
     assert (np.linalg.eigvalsh(curvature - expected) > -1e-9 * scale.max()).all()
 
 
-@run_cases("kind", [AR1, Quantised])
-def test_a_walker_that_overflows_is_lost_where_samples_are_missing(
-    kind: type[AR1] | type[Quantised],
-) -> None:
-    seen = measured(w_1=[3])
-    noise = noise_for_record(kind.from_channels(two_channels(step=0.1), 10), UNEVEN, seen)
-    own = np.array([[0.3, 0.02, 0.5, 0.5][: len(noise.unknowns)]])
-    samples = np.where(seen, 0.01, np.nan)[None]
-    assert np.isfinite(noise.log_likelihood(residuals_of(samples), own)).all()
-    samples[0, 5:, 0] = np.nan
-    assert np.isnan(noise.log_likelihood(residuals_of(samples), own)[0, 0])
-
-
 # --- Student's t -------------------------------------------------------------------------------------
 
 
@@ -203,33 +190,6 @@ def test_a_sample_far_off_its_interval_overflows_nothing() -> None:
     score = np.sign(off) * nearest / 1e-4
     assert noise.score(samples, own)[0, :, 0] == pytest.approx(score, rel=1e-4)
     assert np.abs(noise.whiten(samples, own)[0, :, 0]) == pytest.approx(nearest, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    "ratio",
-    [pytest.param(0.02, marks=pytest.mark.slow), 0.2, pytest.param(1.0, marks=pytest.mark.slow)],
-)
-def test_rounded_records_of_a_moving_signal_scatter_by_their_information(ratio: float) -> None:
-    n, own = 400_000, np.array([[ratio * STEP]])
-    noise = rounded(ratio * STEP, n)
-    signal = STEP * np.modf(np.arange(n) * 0.6180339887498949)[0][None, :, None]
-    residuals = noise.draw(signal, own, np.random.default_rng(8)) - signal
-    counts = (residuals + signal) / STEP
-    assert counts == pytest.approx(np.round(counts), abs=1e-9)
-    of_signal, of_sigma = _information(np.array(1.0 / ratio))
-    score = noise.score(residuals, own)[0, :, 0] * own[0, 0]
-    assert abs(score.mean()) < 5 * math.sqrt(of_signal / n)
-    assert score.var() == pytest.approx(of_signal, rel=0.05)
-    single = replace(noise, levels=White.from_channels([noisy("w_1", ratio * STEP)], 1))
-    some = SimpleNamespace(samples=residuals[0, :20_000, None, :])
-    slope, _ = single.noise_score(some, np.repeat(own, 20_000, 0))
-    assert slope.var() == pytest.approx(of_sigma, rel=0.1)
-    white = noise.whiten(residuals, own)[0, :5000, 0]
-    assert scipy.stats.kstest(white, "norm").pvalue > 1e-3
-    assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 5 / math.sqrt(5000)
-    some = residuals_of(residuals[:, :20_000])
-    fitted = fit_noise(rounded(ratio * STEP, 20_000), some, 1.5 * own[0])[0]
-    assert fitted == pytest.approx(own[0, 0], rel=0.15)
 
 
 def test_a_step_is_in_the_unit_of_the_column_and_must_be_known() -> None:

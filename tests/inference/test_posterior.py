@@ -158,6 +158,8 @@ def test_another_record_is_explained_instead(stepped: Posterior) -> None:
     assert stepped.likelihood.mean_square(theta) > 0.1
     with pytest.raises(ValueError, match="longer"):
         stepped.edit(records=[*signals, *signals])
+    with pytest.raises(ValueError, match="shape"):
+        stepped.likelihood.only_observation.response.with_record(signals[0][:-1])
 
 
 def test_another_rig_with_other_sensors_takes_the_same_steps(stepped: Posterior) -> None:

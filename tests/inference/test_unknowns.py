@@ -8,11 +8,10 @@ from scipy.stats import norm
 from support import two_experiments
 from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
-from support.small_problems import noisy_step, posterior, vector, with_priors
+from support.small_problems import vector, with_priors
 
 from bayesdrill.inference.priors import (
     PRIORS,
-    HalfNormal,
     LogNormal,
     Prior,
     TruncatedNormal,
@@ -116,24 +115,6 @@ def test_an_unknown_is_walked_in_its_log_unless_zero_itself_has_a_density(family
         assert np.isfinite(down.logpdf(np.array([1e-12]))[0])
 
 
-def test_the_density_of_an_unknown_that_may_be_zero_has_no_jacobian_and_ends_at_zero() -> None:
-    sigma = np.full(4, 0.1)
-    zero = {"c_m": HalfNormal(2 * NOMINAL["c_m"]), "t_f": Uniform(0.0, 0.2)}
-    target = posterior(noisy_step(sigma, n=60), sigma, priors=zero)
-    logs = dict(zip(target.space.free, target.coordinates.logs, strict=True))
-    assert {name for name, log in logs.items() if not log} == {"c_m", "t_f"}
-    c_m, t_f = (target.space.free.index(name) for name in zero)
-    z = target.coordinates.from_physical(np.repeat(vector(NOMINAL)[None], 4, axis=0))
-    z[1:, [c_m, t_f]] = [[1e-15, 1e-12], [-1e-15, 0.1], [1e-4, -1e-12]]
-    log_p = target(z)
-    assert np.isfinite(log_p[:2]).all()
-    assert (log_p[2:] == -np.inf).all()
-    assert list(target.supports(z)) == [True, True, False, False]
-    jacobian = np.log(vector({**NOMINAL, "c_m": 1.0, "t_f": 1.0})).sum()
-    density = target.density(target.coordinates.to_physical(z))
-    assert log_p[:2] == pytest.approx(density[:2] + jacobian, rel=1e-12)
-
-
 # --- unknowns that may be negative -----------------------------------------------------------------
 
 
@@ -159,16 +140,6 @@ def test_an_unknown_of_a_sensor_that_may_be_zero_has_no_logarithmic_scale(
     assert sensor.signed is signed
     if prior == Uniform(0.0, 0.05):
         assert not replace(sensor, role="rig").signed
-
-
-def test_natural_scales_are_logs_and_multiples_of_a_step() -> None:
-    space, step = joint_space(), 1e-6
-    theta, scales = space.draw(3, np.random.default_rng(4)), dict(space.coordinates.signed)
-    assert 0 < len(scales) < theta.shape[1]
-    for d, x in enumerate(theta.T):
-        moved = x + step * scales[d] if d in scales else x * np.exp(step)
-        natural = space.coordinates.natural(theta)[:, d]
-        assert natural == pytest.approx((moved - x) / step, rel=1e-5)
 
 
 def test_the_log_prior_is_the_sum_of_all_also_of_those_below_zero() -> None:

@@ -14,8 +14,6 @@ from bayesdrill.record.formats.table import RecordTable
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data"
-TABLES = ("runs.csv", "truth.csv")  # of a campaign
-RECORDS = [p for p in sorted((ROOT / "configs").rglob("*.csv")) if p.name not in TABLES]
 
 T = np.arange(2001) * 0.005
 RNG = np.random.default_rng(11)
@@ -65,14 +63,6 @@ def test_sound_signals_have_no_spikes_and_no_clipped_samples(name: str) -> None:
     assert len(anomalies.spikes(SOUND[name])) == 0
     if name not in OF_INPUTS:
         assert len(anomalies.saturated(SOUND[name])) == 0
-
-
-@run_cases("path", RECORDS)
-def test_bundled_records_have_no_anomalies(path: Path) -> None:
-    for name, x in read(path).variables.items():
-        assert len(anomalies.spikes(x)) == 0, name
-        assert len(anomalies.saturated(x)) == 0, name
-        assert len(anomalies.stuck(x)) == 0, name
 
 
 @run_cases(
@@ -144,16 +134,6 @@ OWN = np.random.default_rng(8).standard_normal((2, len(TIMES)))
 ANGLE = TURNING + 0.002 * OWN[0]
 BACKWARD = np.diff(ANGLE, prepend=TURNING[0]) / DT
 MEASURED = SPEED + 0.3 * OWN[1]
-
-
-@run_cases("period", [360.0, 2 * np.pi, 4096.0])
-def test_an_angle_that_wraps_is_unwrapped(period: float) -> None:
-    x = TURNING * period / (2 * np.pi)
-    wrapped = np.mod(x + 0.3 * period, period)
-    straight, jumps = anomalies.unwrap(wrapped, period)
-    np.testing.assert_allclose(straight - straight[0], x - x[0], atol=1e-9 * period)
-    assert jumps == np.sum(np.abs(np.diff(wrapped)) > period / 2) > 10
-    assert len(anomalies.ambiguous(wrapped, period)) == 0
 
 
 def test_a_jump_of_half_a_period_is_ambiguous() -> None:
@@ -232,22 +212,3 @@ def test_all_glitches_of_a_drill_string_are_detected_and_nothing_else() -> None:
     assert sum(dense) > 0.7 * len(spikes)
     for name in ("Bit_Speed", "Bit_Torque", "WOB"):
         assert len(anomalies.spikes(table.pick(variable=f"{name}_Sample_175_complete"))) == 0
-
-
-@run_cases("force, number", product(["06", "065"], [1, 2, 3]))
-def test_only_the_faulty_samples_of_a_servo_pair_are_spikes(force: str, number: int) -> None:
-    """Single samples of the speed are off by seven counts, all at one place of a block of 512.
-
-    A single sample of the current has the other sign.
-    """
-    table = read(SHARED / "hsm150_servo" / f"idf_pos_0.{force}_{number}.mat")
-    angle, speed, current = (table.pick(column, "data") for column in (3, 4, 7))
-    assert len(anomalies.spikes(angle)) == 0
-    spikes = anomalies.spikes(speed)
-    assert set((spikes.first % 512).tolist()) <= {481}
-    assert np.all(spikes.first == spikes.last)
-    expected = [16482] if (force, number) == ("065", 2) else []
-    assert anomalies.spikes(current).first.tolist() == expected
-    for x in (angle, speed, current):
-        assert len(anomalies.saturated(x)) == 0
-        assert len(anomalies.stuck(x)) == 0

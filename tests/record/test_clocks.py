@@ -54,16 +54,6 @@ def test_missing_samples_are_described_with_their_place(missing: list[int], word
     assert clocks.describe_times(np.delete(np.arange(100) * 0.01, missing)).endswith(words)
 
 
-def test_a_time_that_clocks_have_in_common_stands_once_in_their_union() -> None:
-    fast, slow = 40.0 + np.arange(91) / 300.0, 40.1 + np.arange(13) / 120.0
-    t = clocks.union([fast, slow + 1e-14])
-    exact = {*np.round((fast - 40.0) * 1200)} | {*np.round((slow - 40.0) * 1200)}
-    assert len(t) == len(exact)
-    assert np.all(np.diff(t) > 1e-4)
-    for clock in (fast, slow):
-        np.testing.assert_allclose(t[clocks.indices_in(t, clock)], clock, rtol=0, atol=1e-12)
-
-
 def test_times_that_are_nearly_the_same_are_named() -> None:
     t = np.arange(50) * 0.02
     other = t + np.where(np.arange(50) == 31, 1e-5, 0.0)
@@ -112,11 +102,3 @@ def test_half_of_the_amplitude_passes_at_the_cutoff() -> None:
     share = clocks.cutoff(FACTOR, 1 / RATE) / (RATE / FACTOR / 2)
     result = clocks.decimated(tone(share)[:, None], FACTOR)
     assert np.std(result.y) / np.std(tone(share)) == pytest.approx(0.5, abs=0.01)
-
-
-def test_decimation_drops_the_ends_of_the_record() -> None:
-    result = clocks.decimated(np.ones((500, 1)), FACTOR)
-    half = clocks.filter_length(FACTOR) // 2
-    assert result.samples[0] == half
-    assert 500 - half - FACTOR <= result.samples[-1] < 500 - half
-    np.testing.assert_allclose(result.y, 1.0, atol=1e-12)

@@ -122,18 +122,6 @@ def test_a_page_embeds_png_or_svg_and_markdown_links_pdf(
     )
 
 
-def test_continued_sentences_are_nested_bullets() -> None:
-    text = "fit: first\n  - more\n  and more\nsecond"
-    html = page(Section("Fit", (Sentences(text),)))
-    assert len(html.all("li")) == 1 + 4  # of the contents, and ...
-    assert "First" in html.text
-    assert as_markdown("t", [Section("", (Sentences(text),))]).endswith(
-        "- fit: first\n  - more\n  - and more\n- second\n"
-    )
-    sections = [Section("", (Sentences("page's first"),)), Section("", (Sentences("last"),))]
-    assert as_text(sections) == ("last", "page's first")
-
-
 ROW = ParameterRow(
     name="k_s", unit="N*m/rad", nominal=0.26, map=0.31, mean=0.3, sd=0.0123, hdi_low=0.28,
     hdi_high=0.32, deviation=0.15, r_hat=1.0, ess_bulk=1.0, ess_tail=1.0, shrinkage=0.5,

@@ -120,7 +120,7 @@ def test_texts_are_apart_inside_the_page_and_off_the_lines() -> None:
                 inside = edge.contains(*a.p0) and edge.contains(*a.p1)
                 assert inside or not overlap(a, edge), f"{text} on the edge of a box"
 
-    for_each({str(name): (name,) for name in ["rig", *PICTURES]}, check)
+    for_each({str(name): (name,) for name in ("rig", *PICTURES) if "bare" not in name}, check)
 
 
 def test_a_drawing_shows_each_part_of_a_rig_and_each_parameter() -> None:

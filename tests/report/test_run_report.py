@@ -16,17 +16,14 @@ from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill import output_files
-from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.api.run import RunReport
 from bayesdrill.basics.findings import Finding
-from bayesdrill.inference.priors import LogUniform, Uniform
 from bayesdrill.report import publish, run_report
 from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.run_report import sections
-from bayesdrill.report.section import Badges, IntervalBar, Note, Plain, Table, as_markdown, as_text
+from bayesdrill.report.section import Note, Plain, Table, as_markdown, as_text
 from bayesdrill.report.sections.nominal import run_marks
-from bayesdrill.report.sections.parameters import interval_bar
 from bayesdrill.report.view import ReportContext
 
 T = np.linspace(0.0, 4.0, 161)
@@ -119,20 +116,6 @@ def test_terminal_markdown_and_page_show_the_same_list(saved: Path) -> None:
             if isinstance(block, Note):
                 words = re.sub(r"[`*]", "", block.text)
                 assert words[:60] in flat
-
-
-def test_badges_say_what_the_verdict_says() -> None:
-    view = run()._view
-    blocks = [block for section in sections(view) for block in section.blocks]
-    (shown,) = (block for block in blocks if isinstance(block, Badges))
-    assert {mark.text: mark.tone for mark in shown.items} == {
-        "converged": "good",
-        "fits: the rest looks like noise": "good",
-        "disagrees with tables_2_3": "doubt",
-    }
-    html = page(*sections(stopped()))
-    assert "not converged" in html.text
-    assert "disagrees with" not in html.text
 
 
 def test_a_nominal_table_is_in_doubt_where_the_model_does_not_fit() -> None:
@@ -229,25 +212,6 @@ def test_a_rig_without_nominal_values_has_no_columns_of_them() -> None:
     assert "{@{}llrrrl@{}}" in latex_table
     assert {x.count("&") for x in latex_table.splitlines() if x.endswith(r"\\")} == {5}
     assert machine.startswith("name,unit,nominal,map,")
-
-
-ROW = ParameterRow(
-    name="k_s", unit="N*m/rad", nominal=0.26, map=0.31, mean=0.3, sd=0.0123, hdi_low=0.28,
-    hdi_high=0.32, deviation=0.15, r_hat=1.0, ess_bulk=1.0, ess_tail=1.0, shrinkage=0.5,
-    word="weak", pressed_against=None,
-)  # fmt: skip
-
-
-def test_bars_stand_on_the_range_of_the_prior_in_logs_where_it_has_decades() -> None:
-    plain = interval_bar(ROW, Uniform(0.2, 0.4))
-    assert plain.low == pytest.approx((0.28 - 0.2) / 0.2, abs=2e-3)
-    assert plain.nominal == pytest.approx((0.26 - 0.2) / 0.2, abs=2e-3)
-    logs = interval_bar(ROW, LogUniform(0.01, 10.0))
-    assert logs.high == pytest.approx(np.log(32) / np.log(1000), abs=2e-3)
-    far = dataclasses.replace(ROW, nominal=2.0)
-    wide = interval_bar(far, Uniform(0.2, 0.4))
-    assert wide == IntervalBar(wide.low, wide.high, 1.0, wide.best)
-    assert max(wide.low, wide.high, wide.best) < 0.1
 
 
 def test_provenance_names_seed_versions_record_and_digests(saved: Path) -> None:

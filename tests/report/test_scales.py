@@ -57,20 +57,6 @@ def test_an_axis_too_short_for_a_logarithm_to_bend_it_is_plain() -> None:
     assert not scales.scale(1.0, 1.0 + 1e-5, log=True).log
 
 
-def test_labels_have_power_unit_and_origin() -> None:
-    j_m, r_m = PARAMETERS["j_m"], PARAMETERS["r_m"]
-    x = Symbol("x", "", "x", "", "")
-
-    def label(symbol: Symbol, power: int, origin: float = 0.0) -> str:
-        return scales.Scale(origin, power, 0.0, 1.0).label(symbol)
-
-    assert label(j_m, -4) == r"$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]"
-    assert label(r_m, 0) == r"$r_m$ [$\mathrm{\Omega}$]"
-    assert label(j_m, -9, 4e-4).startswith(r"$j_m - 4{\cdot}10^{-4}$ [")
-    assert label(x, 0, -63.5) == "$x + 63.5$"
-    assert label(x, 0) == "$x$"
-
-
 def test_names_are_printed_with_their_index_and_kept_in_code() -> None:
     own = (
         Symbol("sigma_w_2", "rad/s", r"\sigma_{\dot\theta_2}", "rad/s", "noise"),

@@ -9,11 +9,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 from support.case_tables import for_each
 from support.figure_checks import SYMBOLS, TABLE, clashes, displayed, drawn, mode_of, posterior
-from support.figure_contexts import corner, ridge
+from support.figure_contexts import corner
 
 from bayesdrill.output_files import FORMATS, formats_of
 from bayesdrill.report import publish, scales, style
-from bayesdrill.report.sections.convergence import trace_figure
 from bayesdrill.report.sections.corner import corner_figure
 from bayesdrill.report.style import warned
 
@@ -44,16 +43,6 @@ def test_files_are_described_and_the_same_each_time(tmp_path: Path) -> None:
     with Image.open(tmp_path / "first" / "corner.png") as image:
         assert image.text["Seed"] == "12"
         assert image.size[0] == pytest.approx(figure.get_figwidth() * 220, abs=1)
-
-
-def test_only_the_formats_that_are_asked_for_are_written_in_the_resolution_asked_for(
-    tmp_path: Path,
-) -> None:
-    figure = Figure(figsize=(2, 1))
-    assert [path.name for path in style.save(figure, tmp_path, "a", {})] == ["a.pdf", "a.png"]
-    (only,) = style.save(figure, tmp_path, "b", {}, formats=["png"], dpi=100)
-    with Image.open(only) as image:
-        assert image.size == (200, 100)
 
 
 def test_no_file_is_left_where_drawing_fails(tmp_path: Path) -> None:
@@ -93,15 +82,8 @@ def some_corner(inches: float) -> Figure:
     return corner_figure(draws, displayed(symbols, TABLE, mode_of(draws, symbols), {}), inches)
 
 
-def some_trace(inches: float) -> Figure:
-    theta = posterior(1500)[:1200, :3].reshape(3, 50, 8, 3)
-    return trace_figure(theta, displayed(SYMBOLS[:3], TABLE, {}, {}), 5, inches)
-
-
 KINDS: dict[str, Callable[[float], Figure]] = {
     "corner": some_corner,
-    "trace": some_trace,
-    "ridge": lambda _: ridge(),
     "plain": lambda inches: figure_of_another_package(inches, None),
     "laid out": lambda inches: figure_of_another_package(inches, "constrained"),
 }

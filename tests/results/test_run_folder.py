@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesdrill.analysis.calibration import Refit
 from bayesdrill.basics import seeds
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.findings import Finding
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed
 from bayesdrill.results.run_folder import Folder, dump_record, load_record, read_chain
 from bayesdrill.sampling.mode_search import Search
@@ -130,33 +128,8 @@ def test_a_record_is_read_as_it_was_written_and_that_of_another_form_refused(
             load_record(path, Search, 2)
 
 
-def test_a_refit_without_draws_is_read_as_it_was_written(tmp_path: Path) -> None:
-    path, reason = (
-        tmp_path / "refit.json",
-        Finding("nothing sampled", {"why": "no finite response"}),
-    )
-    refit = Refit(
-        index=0,
-        truth=(0.5,),
-        ranks=(),
-        r_hat=float("inf"),
-        ess=0.0,
-        steps=0,
-        reasons=(reason,),
-        seconds=1.0,
-    )
-    path.write_text(dump_record(refit, 2))
-    assert load_record(path, Refit, 2)[0] == refit
-
-
 def test_pieces_after_a_gap_wait_until_it_is_filled(folder: Folder, piece: ChainSegment) -> None:
     folder.save(0, 80, piece)
     assert len(folder.segments(0)) == 1
     folder.save(0, 40, piece)
     assert len(folder.segments(0)) == 3
-
-
-def test_other_files_among_the_pieces_are_ignored(folder: Folder) -> None:
-    for name in ("ensemble_0_copy.npz", "ensemble_0_40.npz"):
-        (folder.path / ".pieces" / name).write_bytes(b"")
-    assert len(folder.segments(0)) == 1

@@ -91,12 +91,6 @@ def test_a_chain_that_is_only_too_short_says_how_many_steps_are_enough() -> None
     assert assess(chains[:, :600], ("a", "b"), TARGETS).enough is None
 
 
-def test_independent_draws_are_as_many_effective_ones() -> None:
-    result = assess(ar1((4, 700, 10, 1), 0.0), ("a",), TARGETS)
-    kept = 4 * 10 * (result.steps - result.burn_in) / result.thin
-    assert result.ess_bulk[0] == pytest.approx(kept, rel=0.1)
-
-
 def test_walkers_that_remember_their_last_draw_have_no_more_effective_draws() -> None:
     """Draws are thinned by tau or by a quarter of the steps, whatever is less: here by far less.
 
@@ -136,15 +130,6 @@ def test_runs_that_more_steps_would_not_help_are_given_up(
         message = finding_sentence(reason)
         assert message.startswith("stopped early: ")
         assert words in message
-
-
-def test_a_chain_that_would_be_too_large_is_not_advised_to_raise_max_steps() -> None:
-    reason = futility([(500, 3.0), (1000, 6.0)], wanted=50, allowed=20_000, most=8_000)
-    assert reason is not None
-    message = finding_sentence(reason)
-    assert "about 8333 steps, more than the 8000 that a chain of so many walkers" in message
-    assert "sampler.walkers a smaller number" in message
-    assert "max_steps" not in message
 
 
 @run_cases("rho", [0.0, 0.5, 0.9])
@@ -267,15 +252,6 @@ def test_a_stuck_walker_in_the_middle_of_the_posterior_is_named() -> None:
     assert "1 of 256 walkers (1 in ensemble 2) is stuck" in words
     assert "did not move for 399 of " in words
     assert "walker 17 of ensemble 2, at r_m" in words
-
-
-def test_a_stuck_walker_in_every_ensemble_is_named_where_r_hat_is_blind() -> None:
-    chains = sound(3, walkers=64)
-    for ensemble in range(4):
-        chains.theta[ensemble, 0, 5] = [1.0, -0.5, 0.3]
-        chains.stuck(ensemble, 5, since=0)
-    words = reason(judge(chains), "stuck")
-    assert "4 of 256 walkers (1 in ensemble 0, 1 in ensemble 1" in words
 
 
 def test_a_walker_that_rests_for_a_while_is_not_stuck() -> None:

@@ -87,20 +87,6 @@ def test_a_second_ridge_beside_the_first_is_another_maximum() -> None:
     assert distinct_modes(both, points, -1e-3 * np.arange(6.0)) == [0, 3]
 
 
-def test_no_path_leads_through_points_without_slope_and_curvature() -> None:
-    """As those of a response that overflows; NumPy warns of nothing."""
-    ridge = ridged(1, 1)
-
-    def derivatives(self: Walled, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        finite = (np.abs(ridge.parts(u)[0][:, 0] - 0.3) > 0.15)[:, None]
-        slope, curvature = ridge.derivatives(u)
-        return np.where(finite, slope, 0.0), np.where(finite[..., None], curvature, 0.0)
-
-    points = ridge.at(np.array([[-0.3], [0.0], [0.3]]), np.zeros((3, 1)))
-    joined = joined_by_ridge(altered(ridge, derivatives=derivatives), points[0], points[1:])
-    assert list(joined) == [True, False]
-
-
 def test_searches_from_all_over_the_prior_end_on_both_humps() -> None:
     surface = humps(2, (0.5, 0.5), (1.0, 1.0), 20.0)
     starts = np.random.default_rng(5).uniform(surface.low, surface.high, (24, 2))
@@ -112,14 +98,6 @@ def test_searches_from_all_over_the_prior_end_on_both_humps() -> None:
     assert len(distinct_modes(surface, points, values)) == 2
     points, values = multiple_modes.best_ends(without_density(surface), surface.means)
     assert (points.shape, len(values)) == ((0, 2), 0)
-
-
-def test_a_point_at_the_very_maximum_is_joined_to_itself() -> None:
-    """Where the slope is zero to the last bit."""
-    surface = humps(3, (1.0,), (1.0,), 0.0)
-    twice = np.repeat(surface.means, 3, axis=0)
-    assert not surface.quadratic_model(twice, np.eye(3)).slope.any()
-    assert distinct_modes(surface, twice, np.zeros(3)) == [0]
 
 
 # --- aliases: frequencies that the samples of a record cannot distinguish --------------------------
@@ -318,9 +296,3 @@ def test_branches_that_a_channel_or_a_prior_distinguishes_have_no_twin(
     channel: str, priors: dict[str, object]
 ) -> None:
     assert twins_of_the_truth(two_branches(channel, **priors)) == []
-
-
-def test_each_of_two_twins_holds_half_of_the_posterior() -> None:
-    shares = two_branches().sample(seed=1).sampled.mode_shares
-    assert shares is not None
-    assert np.asarray(shares) == pytest.approx([0.5, 0.5], abs=0.02)

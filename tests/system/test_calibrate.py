@@ -1,7 +1,6 @@
 """`bayesdrill calibrate CONFIG`: the same ranks wherever and however they are computed."""
 
 import csv
-import dataclasses
 import json
 import os
 import shutil
@@ -14,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from support import command_line
 from support.case_tables import run_cases
@@ -25,9 +23,6 @@ from bayesdrill.analysis.calibration import CalibrationStudy, refit
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.progress import Reporter, Silent
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
-from bayesdrill.rig.kernels.compiling import compile_kernel
-from bayesdrill.rig.kernels.linear import write_linear
-from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.tasks import calibrate, remote
 
 QUICK = "calibration: {refits: 10, draws: 19, n_tau: 5, ess: 50, max_steps: 600}"
@@ -114,31 +109,6 @@ def test_a_refit_depends_on_the_study_and_its_index_alone(
     kept = {each.index: each for each in calibrate.saved(finished.folder / ".refits", study)}
     assert again == [kept[3], kept[1]]
     assert len({each.truth for each in kept.values()}) == 10
-
-
-def test_another_record_shares_the_compiled_code(study: CalibrationStudy) -> None:
-    response = study.posterior.likelihood.only_observation.response
-    y = np.random.default_rng(1).standard_normal(response.experiment.y.shape)
-    theta = study.posterior.space.full(study.posterior.space.draw(9, np.random.default_rng(2)))
-    other = response.with_record(y)
-    kernels = [compile_kernel(write_linear, each._structure) for each in (other, response)]
-    assert kernels[0] is kernels[1]
-    compiled = Response(response.model, dataclasses.replace(response.experiment, y=y))
-    assert np.array_equal(other.squares(theta), compiled.squares(theta))
-    assert not np.array_equal(other.squares(theta), response.squares(theta))
-    with pytest.raises(ValueError, match="shape"):
-        response.with_record(y[:-1])
-
-
-def test_the_measured_record_plays_no_part(copy: Calibration) -> None:
-    """Nor need it be there: `simulation:` has the times too."""
-    before = copy.ranks
-    record = copy.config.parent / "small.csv"
-    replace_text(record, record.read_text().splitlines()[9].partition(",")[2], "0.1,0.2")
-    assert copy.resume().status in (0, 3)
-    record.unlink()
-    assert copy.resume().status in (0, 3)
-    assert copy.ranks == before
 
 
 # --- what it leaves, and how it goes on ----------------------------------------------------------

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.array_cases import two
 from support.case_tables import run_cases
 from support.command_line import assert_refused, cli, listing, posterior, small_config
 
@@ -68,16 +66,6 @@ def test_an_interrupted_save_leaves_no_half_folder(
             designed.save(folder)
     assert not (tmp_path / "new").exists()
     assert {*listing(tmp_path / "old")} == {"notes.txt"}
-
-
-def test_the_waveform_has_no_rests_of_rounding() -> None:
-    designed = two().design("k_s", family="prbs", high=12.0, hold=0.5, draws=1)
-    levels = designed.design.levels.copy()
-    levels[0, 0] = 8.9e-16
-    changed = dataclasses.replace(
-        designed, design=dataclasses.replace(designed.design, levels=levels)
-    )
-    assert changed.waveform_csv().splitlines()[1] == "0,0"
 
 
 @run_cases(

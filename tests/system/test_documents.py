@@ -117,22 +117,6 @@ def test_every_script_runs(tree: Path) -> None:
         assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_every_notebook_runs(path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-"],
-        input=cells(path),
-        cwd=path.parent,
-        env={**os.environ, "MPLBACKEND": "agg"},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
-
-
 def test_every_script_and_notebook_is_python() -> None:
     for path in DOCUMENTS:
         compile(script(path), path.name, "exec")
@@ -225,14 +209,6 @@ def test_make_alone_prints_its_targets() -> None:
     phony = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     for target in phony[1].split():
         assert target == "help" or f"make {target}" in done.stdout, target
-
-
-def test_the_fast_tests_are_there() -> None:
-    command = ["make", "-n", "-o", ".venv/.ready", "test-fast"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    paths = re.findall(r"tests/\S+", done.stdout)
-    assert len(paths) > 5
-    assert all((ROOT / path).exists() for path in paths), paths
 
 
 # --- configs and other blocks --------------------------------------------------------------------
@@ -328,20 +304,6 @@ def test_the_reference_has_every_command_entry_and_function() -> None:
 # --- pages and the site --------------------------------------------------------------------------
 
 
-def test_every_page_is_in_the_site() -> None:
-    index = (DOCS / "index.md").read_text()
-    pages = {path.relative_to(DOCS).with_suffix("") for path in DOCUMENTS[1:]}
-    for page in pages - {Path("index"), Path("paper.template")}:
-        assert re.search(rf"^{page}$", index, re.MULTILINE), page
-
-
-def test_pages_of_the_site_link_to_no_page_outside_it() -> None:
-    """Other files are offered as they are."""
-    for page in (path for path in DOCUMENTS if DOCS in path.parents):
-        for link in re.findall(r"\]\((?!\w+:|#)([^)#\s]+\.md)[)#]", page.read_text()):
-            assert DOCS in (page.parent / link).resolve().parents, f"{page.name}: {link}"
-
-
 def test_a_broken_site_is_detected(tmp_path: Path) -> None:
     page = "<h1 id='here'>x</h1><a href='other.html#there'>y</a><a href='#here'>z</a>"
     (tmp_path / "index.html").write_text(page)
@@ -410,11 +372,6 @@ def test_no_machine_path_or_registry_host_is_committed() -> None:
             continue
         text = path.read_bytes().decode("utf-8", "ignore")
         assert not [word for word in words if word in text], path
-
-
-def test_no_placeholder_is_left_in_a_page() -> None:
-    for path in DOCUMENTS:
-        assert "@@" not in path.read_text(), path
 
 
 LONGEST, WIDEST = 40, 100  # words of a sentence, columns of a line

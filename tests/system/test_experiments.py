@@ -17,7 +17,6 @@ from support.command_line import assert_refused, cli, posterior, replace_text
 import bayesdrill as bd
 from bayesdrill.analysis.prediction import held_out
 from bayesdrill.config.job import prepare
-from bayesdrill.results import provenance
 from bayesdrill.tasks import calibrate
 
 
@@ -79,18 +78,6 @@ def test_the_tree_has_each_channel_of_each_experiment(finished: Path) -> None:
         inputs = tree["constant_data"]
         assert (float(inputs["v_slow"]), float(inputs["v_fast"])) == (4.0, 8.0)
         assert tree["posterior"]["lag_theta_1"].attrs["units"] == "s"
-
-
-def test_a_finished_run_reads_its_own_config_again(finished: Path) -> None:
-    """The config with all defaults has the fingerprint of the one that was given."""
-    jobs = map(prepare, (finished.parent / "all.yaml", finished / "config.resolved.yaml"))
-    given, resolved = (provenance.fingerprint(job.config, job.problem) for job in jobs)
-    assert given == resolved
-    assert {"the record of slow", "the record of fast"} <= set(given)
-    before = (finished / "summary.md").read_text(encoding="utf-8")
-    report = cli("report", finished, "--processes", "1")
-    assert report.status == 0, report.text
-    assert (finished / "summary.md").read_text(encoding="utf-8") == before
 
 
 def test_a_change_of_one_experiment_is_named_by_verify_and_resume(finished: Path) -> None:

@@ -35,17 +35,6 @@ def test_a_table_of_odd_proportions_is_refused_in_seconds(name: str, tmp_path: P
     assert max(map(len, result.err.splitlines())) <= 400
 
 
-def test_200_columns_that_may_be_anything_are_paired_in_seconds(tmp_path: Path) -> None:
-    """Each may be the derivative of each other one."""
-    walks = np.cumsum(np.random.default_rng(1).standard_normal((200, 5000)), axis=1)
-    np.savez(tmp_path / "walks.npz", **{f"x_{k}": walk for k, walk in enumerate(walks)})
-    start = time.process_time()
-    result = command_line.cli("init", tmp_path / "walks.npz")
-    assert time.process_time() - start < SECONDS
-    assert_refused(result)
-    assert "nothing says" in result.err or "its name does not say" in result.err
-
-
 @run_cases("what", ["samples", "bytes"])
 def test_init_says_how_much_it_reads(what: str, tmp_path: Path) -> None:
     path = tmp_path / "long.npz"

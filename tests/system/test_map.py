@@ -118,23 +118,6 @@ def rig(mapped: Path, tmp_path: Path) -> Path:
     return tmp_path / "rig"
 
 
-def test_map_overwrites_nothing_unasked(rig: Path) -> None:
-    config, out = rig / "small.yaml", rig / "out"
-    (out / "notes.md").write_text("mine")
-    before = command_line.listing(rig)
-    result = cli("map", config, "--output", out, "--processes", "1")
-    assert_refused(result, "results exist already; make them anew with --force")
-    assert "MAP" not in result.out  # before any search
-    assert_refused(cli("map", config, "--output", rig))  # where the record is
-    assert_refused(cli("posterior", config, "--output", out, "--force"))
-    assert command_line.listing(rig) == before
-    (out / "prediction.csv").write_text("old")
-    result = cli("map", config, "--output", out, "--force", "--processes", "1")
-    assert result.status == 0, result.text
-    assert (out / "notes.md").read_text() == "mine"
-    assert (out / "prediction.csv").read_text().startswith("t [s],theta_1 measured [rad]")
-
-
 # --- whether a fit is believed -------------------------------------------------------------------
 
 

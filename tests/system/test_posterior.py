@@ -1,11 +1,9 @@
 """`bayesdrill posterior CONFIG`: what a run leaves and prints, what it repeats, when it is believed."""
 
 import itertools
-import json
 from pathlib import Path
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 import xarray
@@ -13,9 +11,7 @@ from emcee.backends import HDFBackend
 from support import command_line, finished_runs
 from support.finished_runs import FIGURES, FILES, FinishedRun
 
-import bayesdrill as bd
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
-from bayesdrill.results.run_folder import seal
 from bayesdrill.sampling.proposal import learning
 from bayesdrill.tasks import pipeline
 
@@ -55,12 +51,6 @@ def test_the_fit_is_described_on_the_terminal_and_in_the_summary(converged: Fini
     assert "".join(f"- {line}\n" for line in lines) in summary
     channels = [row["channel"] for row in converged.json["analysis"]["fit"]]
     assert channels == ["theta_1", "w_1"]
-
-
-def test_the_resolved_config_is_a_config(converged: FinishedRun) -> None:
-    check = command_line.cli("check", converged.folder / "config.resolved.yaml")
-    assert (check.status, check.err) == (0, "")
-    assert check.out == command_line.cli("check", converged.config).out
 
 
 def test_the_chain_is_an_emcee_backend(converged: FinishedRun) -> None:
@@ -144,20 +134,6 @@ def test_a_report_made_again_says_the_same_times(
     assert (run.folder / "report.html").read_bytes() == page
 
 
-def test_another_seed_makes_another_chain(converged: FinishedRun, copy: FinishedRun) -> None:
-    """`--force` makes it in the same folder, where notes of the user stay."""
-    command_line.replace_text(copy.config, "seed: 7", "seed: 8")
-    (copy.folder / "notes.txt").write_text("what I saw that day")
-    result = command_line.posterior(copy.config, copy.folder, "--force")
-    assert result.status in (0, 3), result.text
-    assert (copy.folder / "notes.txt").read_text() == "what I saw that day"
-    assert set(command_line.listing(copy.folder)) == {*FILES, "notes.txt"}
-    first, second = converged.chains(), copy.chains()
-    assert not np.array_equal(first["z 0"], second["z 0"][: len(first["z 0"])])
-    assert copy.json["seed"] == 8
-    assert len({first[f"z {k}"].tobytes() for k in range(4)}) == 4  # nor are ensembles the same
-
-
 # --- when a run is believed ----------------------------------------------------------------------
 
 
@@ -171,40 +147,6 @@ def test_a_run_that_did_not_converge_says_so(unconverged: FinishedRun) -> None:
     run = unconverged.json
     assert (run["status"], run["converged"], run["steps"]) == ("finished", False, 700)
     assert command_line.cli("report", unconverged.folder, "--processes", "1").status == 3
-
-
-def test_a_stuck_walker_keeps_a_run_from_being_believed(copy: FinishedRun) -> None:
-    """The last log density of a walker of each ensemble is raised, so that it accepts no proposal.
-
-    R-hat, autocorrelation times and effective draws are content with the chain that goes on.
-    """
-    with h5py.File(copy.folder / "chain.h5", "r+") as file:
-        for k in range(4):
-            last = file[f"ensemble_{k}"]["chain"][-1]
-            middle = np.argmin(np.abs(last / np.median(last, axis=0) - 1).max(axis=1))
-            file[f"ensemble_{k}"]["log_prob"][-1, middle] += 1e6
-            seal(file[f"ensemble_{k}"])
-    command_line.replace_text(copy.config, "ess: 100, max_steps: 500", "ess: 8000, max_steps: 1200")
-    result = command_line.posterior(copy.config, copy.folder, "--resume")
-    assert result.status == 3, result.text
-    assert "4 of 32 walkers (1 in ensemble 0, 1 in ensemble 1" in result.out
-    assert "stuck: the longest did not move for" in result.out
-    assert copy.json["steps"] == 1200
-    assert len(copy.json["reasons"]) == 1
-    assert "stuck" in (copy.folder / "summary.md").read_text()
-
-
-def test_a_parameter_pressed_against_the_end_of_its_prior_is_noted(tmp_path: Path) -> None:
-    """The record was made with k_e = 0.06016 V s/rad, just outside this prior."""
-    narrow = (
-        "low: 0.5, high: 1.5, relative: true}\n  k_T",
-        "low: 0.03, high: 0.06015, start: 0.05}\n  k_T",
-    )
-    run = fresh(tmp_path, narrow, ("ess: 100, max_steps: 500", "ess: 1000, max_steps: 5000"))
-    assert run.result.status == 0, run.result.text
-    assert "note: k_e is pressed against the end 0.06015 of its prior" in run.result.out
-    assert "k_e is pressed" in (run.folder / "summary.md").read_text()
-    assert [note for note in run.json["notes"] if note.startswith("note: k_e")]
 
 
 def test_a_posterior_that_the_proposal_does_not_cover_is_not_believed(
@@ -246,31 +188,6 @@ def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(
     assert report.status == 0, report.text
     assert words in report.out
     assert not (run.folder / "opened.npz").exists()
-
-
-# --- rigs and records of other kinds -------------------------------------------------------------
-
-
-FEWER = ("max_steps: 500", "max_steps: 100")
-
-
-def test_notes_repeat_what_is_suspicious_about_the_record(tmp_path: Path) -> None:
-    """A sensor that is stuck, and the first three of five glitches."""
-    config = command_line.small_config(tmp_path, FEWER, ("rad/s, sigma: 0.05", "rad/s, sigma: 500"))
-    lines = [line.split(",") for line in command_line.small_record().splitlines()]
-    for row in range(80, 95):
-        lines[row][2] = lines[80][2]
-    for row in (30, 41, 52, 63, 74):
-        lines[row - 1][2] = "900"
-    (tmp_path / "small.csv").write_text("\n".join(map(",".join, lines)) + "\n")
-    run = bd.load(config).run(tmp_path / "out")
-    notes = json.loads((run.folder / "run.json").read_text(encoding="utf-8"))["notes"]
-    assert [note for note in notes if note.startswith("note: record, stuck: w_1 stays")]
-    assert "stuck: w_1 stays at exactly one value" in run.summary
-    (note,) = [note for note in notes if "glitches" in note]
-    assert "in 5 places (5 samples): line 30 (1.4 s)" in note
-    assert "line 63" not in note
-    assert "and 2 more" in note
 
 
 # --- the command line ----------------------------------------------------------------------------

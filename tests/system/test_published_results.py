@@ -52,25 +52,6 @@ def test_another_config_record_table_or_figure_is_found(tree: Path) -> None:
     assert any("the record was" in line for line in results.stale(tree))
 
 
-def test_a_config_without_results_and_results_without_a_config_are_found(tree: Path) -> None:
-    results.published(tree).joinpath("nominal_step").rename(results.published(tree) / "old")
-    assert list(results.stale(tree)) == [
-        "nominal_step is not published",
-        "old has no config any more",
-    ]
-
-
-def test_an_unfinished_run_is_not_published(tmp_path: Path) -> None:
-    folder = tmp_path / "run"
-    folder.mkdir()
-    (folder / "run.json").write_text('{"status": "running"}')
-    kept = tmp_path / "kept"
-    kept.mkdir()
-    with pytest.raises(FileNotFoundError, match="not finished"):
-        results.publish(folder, kept, results.output_files.POSTERIOR)
-    assert kept.exists()
-
-
 def test_the_figure_of_products_shows_what_is_published(tree: Path) -> None:
     folder = results.published(ROOT) / "nominal_step"
     drawn = products.products(folder)

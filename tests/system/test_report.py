@@ -5,22 +5,19 @@ What is said of a run is evaluated once, kept in `run.json`, and shown from ther
 
 import csv
 import dataclasses
-import json
 import os
 import pickle
 import re
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from support import command_line, finished_runs, forked_command, injection_payloads
+from support import command_line, finished_runs, forked_command
 from support.case_tables import for_each
-from support.command_line import cli, posterior, replace_text
+from support.command_line import cli, replace_text
 from support.finished_runs import FIGURES, FILES, FinishedRun
-from support.html_pages import Page
 
 import bayesdrill as bd
 from bayesdrill.analysis.run_analysis import RunAnalysis
@@ -105,79 +102,6 @@ def test_tables_and_figures_that_fail_are_named_and_all_others_are_made(
     for name in (*tables, "chain.h5", "config.yaml", "map.json"):
         assert after[name] == complete[name], name
     assert result.out.splitlines()[-1].startswith(f"results: {run.folder}/")
-
-
-# --- a record that the model does not explain ------------------------------------------------------
-
-SIGMA = "sigma: {prior: uniform, low: 0, high: 9}"
-DRIVEN = (
-    ("  v: 8.0", "  v: {column: v, unit: V}"),
-    ("k_T: nominal", "k_T: 0.09"),
-    ("theta_1, unit: rad, sigma: 0.05", f"theta_1, unit: rad, {SIGMA}"),
-    ("w_1, unit: rad/s, sigma: 0.05", f"w_1, unit: rad/s, {SIGMA}"),
-    ("walkers: 8", "walkers: 16"),
-    ("figures: []", "figures: null"),
-)
-
-
-@pytest.mark.slow
-def test_a_misfit_shows_its_residuals_and_the_sandwich_sds(tmp_path: Path) -> None:
-    """The motor of the config is weaker than that of the record."""
-    config, out = command_line.small_config(tmp_path, *DRIVEN), tmp_path / "out"
-    lines = (tmp_path / "small.csv").read_text().splitlines()
-    voltage = ["v", *(f"{6.0 + 2.0 * (k // 7 % 2)}" for k in range(len(lines) - 1))]
-    rows = [f"{line},{v}\n" for line, v in zip(lines, voltage, strict=True)]
-    (tmp_path / "small.csv").write_text("".join(rows))
-    result = posterior(config, out)
-    assert result.status == 3, result.text
-    made = {path.name for path in (out / "figures").iterdir()}
-    assert {"residuals.png", "corner.pdf"} <= made
-    assert "residuals.pdf" not in made
-    assert "frequency_response.png" not in made
-    analysis = json.loads((out / "run.json").read_text())["analysis"]
-    sds = {row["name"]: row["sd"] for row in analysis["unknowns"]}
-    assert {*analysis["sandwich"]} == {*sds}
-    summary = (out / "summary.md").read_text(encoding="utf-8")
-    assert "sd if residuals remember (sandwich)" in summary
-    for name, sd in analysis["sandwich"].items():
-        assert f"{sd / sds[name]:.3g}" in summary
-    assert max(analysis["sandwich"][name] / sds[name] for name in sds) > 1.5
-    assert "belong together" in cli("verify", out).out
-
-
-# --- texts of users ------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A maximum in `out`, of a config and a record whose texts and places are hostile."""
-    place = tmp_path_factory.mktemp("hostile") / injection_payloads.RUNS
-    config = injection_payloads.small(place)
-    result = cli("map", config, "-o", place / "out", "--processes", "1")
-    assert result.status == 0, result.text
-    return place
-
-
-def test_a_page_has_no_elements_from_texts_of_users(hostile: Path) -> None:
-    html = (hostile / "out" / "report.html").read_text(encoding="utf-8")
-    page = Page(html)
-    assert len(page.all("script")) == 1
-    assert len(page.all("img")) == 2  # the fit, and where it is enlarged
-    names = {name for _, attributes in page.found for name in attributes}
-    assert not any(name.startswith("on") or name == "style" for name in names)
-    assert html.count("owned=1") > 5
-    assert not re.search("<[A-Za-z/!?]", (hostile / "out" / "map.md").read_text(encoding="utf-8"))
-
-
-def test_a_terminal_shows_names_of_columns_and_obeys_none(hostile: Path) -> None:
-    check = cli("check", hostile / "small.yaml")
-    assert check.status == 0, check.text
-    assert injection_payloads.COLUMNS["theta_1"] in check.out
-    missing = cli(
-        "map", hostile / "small.yaml", "-o", hostile / f"{injection_payloads.OBEYED}/none"
-    )
-    for text in (check.text, missing.text):
-        assert text.replace("\n", "").isprintable()
 
 
 # --- runs to be reported, opened and laid over each other ----------------------------------------
@@ -325,53 +249,6 @@ def test_a_derived_quantity_that_fails_is_tried_once(
     view = conclusions.concluded(dataclasses.replace(run, kept=None))
     assert view.derived.symbols == ()
     assert view.chain.errors.missing == ["derived quantities (ValueError: no product)"]
-
-
-def test_run_json_is_as_its_schema_says(finished: Path) -> None:
-    """Every entry of every run, and every field of the analysis."""
-    schema = json.loads(cli("schema", "--of", "run").out)
-    for name in KEPT:
-        run = json.loads((finished / name / "run.json").read_text())
-        assert run.keys() <= schema["properties"].keys(), run.keys() - schema["properties"].keys()
-        problems = schema_errors(run["analysis"], schema["properties"]["analysis"], schema)
-        assert list(problems) == []
-    assert all(entry.get("description") for entry in schema["properties"].values())
-    assert cli("schema").out == bd.schema()
-    assert json.loads(bd.schema())["properties"]["sampler"]
-
-
-TYPES: dict[str, Any] = {
-    "object": dict,
-    "array": list,
-    "null": type(None),
-    "number": int | float,
-    "integer": int,
-    "string": str,
-    "boolean": bool,
-}
-
-
-def schema_errors(data: Any, rule: dict[str, Any], schema: dict[str, Any]) -> Iterator[str]:
-    """Yield what of the data violates the rule, by the keywords that this schema uses."""
-    if "$ref" in rule:
-        rule = schema["$defs"][rule["$ref"].rpartition("/")[2]]
-    if "anyOf" in rule:
-        ways = [list(schema_errors(data, way, schema)) for way in rule["anyOf"]]
-        yield from min(ways, key=len)
-    elif "enum" in rule:
-        yield from () if data in rule["enum"] else [f"{data} is none of {rule['enum']}"]
-    elif not isinstance(data, TYPES[rule["type"]]):
-        yield f"{data} is no {rule['type']}"
-    elif rule["type"] == "object":
-        inside = rule.get("properties") or dict.fromkeys(data, rule.get("additionalProperties"))
-        if data.keys() != inside.keys():
-            yield f"{data.keys()} are not {inside.keys()}"
-        for key in data.keys() & inside.keys():
-            yield from schema_errors(data[key], inside[key], schema)
-    elif rule["type"] == "array":
-        rules = rule.get("prefixItems") or [rule["items"]] * len(data)
-        for item, own in zip(data, rules, strict=True):
-            yield from schema_errors(item, own, schema)
 
 
 # --- overlays ------------------------------------------------------------------------------------

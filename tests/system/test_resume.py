@@ -194,18 +194,6 @@ def test_resuming_under_another_version_of_what_decides_the_chain_is_refused(
         assert '"the version of numpy": "0.0.1"' in (copy.folder / "run.json").read_text()
 
 
-def test_resuming_with_another_record_names_the_record(copy: FinishedRun) -> None:
-    before = command_line.listing(copy.folder)
-    record = copy.config.parent / "small.csv"
-    lines = record.read_text().splitlines()
-    t, theta_1, w_1 = map(float, lines[5].split(","))
-    record.write_text("\n".join([*lines[:5], f"{t},{theta_1},{w_1 + 1e-6}", *lines[6:]]) + "\n")
-    result = posterior(copy.config, copy.folder, "--resume")
-    assert_refused(result, "cannot resume", "the record was 101 samples (")
-    assert_refused(command_line.cli("report", copy.folder), "the record")
-    assert command_line.listing(copy.folder) == before
-
-
 # --- --force -------------------------------------------------------------------------------------
 
 
@@ -284,17 +272,6 @@ def test_a_damaged_result_is_named_and_nothing_is_written(
     assert command_line.listing(copy.folder) == before
 
 
-@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
-def test_a_damaged_piece_is_named(copy: FinishedRun) -> None:
-    replace_text(copy.config, *UNREACHABLE)
-    (copy.folder / ".pieces").mkdir()
-    piece = copy.folder / ".pieces" / f"ensemble_0_{copy.json['steps']:09d}.npz"
-    piece.write_bytes(b"PK\x03\x04 cut short")
-    before = command_line.listing(copy.folder)
-    assert_refused(posterior(copy.config, copy.folder, "--resume"), piece.name)
-    assert command_line.listing(copy.folder) == before
-
-
 # --- disks ---------------------------------------------------------------------------------------
 
 
@@ -337,15 +314,3 @@ def test_a_run_that_fills_its_disk_can_be_resumed(
     assert posterior(config, folder, "--resume").status == 0
     assert set(command_line.listing(folder)) == FILES
     converged.assert_same_chains(FinishedRun(config, folder, result))
-
-
-@pytest.mark.slow
-def test_results_behind_a_symbolic_link_are_reported(
-    converged: FinishedRun, tmp_path: Path
-) -> None:
-    rig = converged.copy(tmp_path / "rig")
-    (tmp_path / "far" / "away").mkdir(parents=True)
-    rig.folder.rename(tmp_path / "far" / "away" / "out")
-    rig.folder.symlink_to(tmp_path / "far" / "away" / "out")
-    assert posterior(rig.config, rig.folder, "--resume").status == 0
-    assert command_line.cli("report", rig.folder).status == 0

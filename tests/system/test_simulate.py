@@ -36,13 +36,6 @@ def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_pat
     np.testing.assert_allclose(record.y, y, rtol=1e-8)
 
 
-def test_the_samples_of_a_simulated_record_are_counted(tmp_path: Path) -> None:
-    entry = ("  file: small.csv", "  file: other.csv\n  skip_rows: 3")
-    result = cli("simulate", command_line.small_config(tmp_path, entry))
-    assert result.status == 0, result.err
-    assert result.out.endswith("101 samples\n")
-
-
 FILE, W_1 = "file: small.csv", "w_1: {column: w_1, unit: rad/s, sigma: 0.05}"
 NO_HEADER = "record.header: a simulated record has a header"
 ONE_FILE = "a simulated record is one file with one time"
@@ -75,12 +68,6 @@ def test_a_record_that_its_config_could_not_read_is_not_written(
 
 
 # --- files that are there ------------------------------------------------------------------------
-
-
-def test_a_target_that_the_config_could_not_read_is_not_written(tmp_path: Path) -> None:
-    config = command_line.small_config(tmp_path)
-    command = ("simulate", config, "--output", tmp_path / "other.mat")
-    assert_refused_unchanged(tmp_path, "name a .csv file", *command)
 
 
 def test_another_simulation_is_overwritten_with_force_only(tmp_path: Path) -> None:

@@ -304,28 +304,6 @@ def test_figures_and_tree_say_which_run_they_are_of(finished: Path) -> None:
     assert marks["burn-in"] == f"{convergence['burn_in']} of {convergence['steps']} steps"
 
 
-def test_formats_of_figures_are_known_to_verify_and_force(rig: Path) -> None:
-    """Figures of formats that the config names no more are removed, and those of others stay."""
-    config, out = rig / "out.yaml", rig / "out"
-    formats = "[corner, trace], formats: [svg, png]"
-    replace_once(config, DRAWN[1], f"figures: {formats}, size: single, dpi: 100")
-    result = posterior(config, out, "--resume")
-    assert result.status == 0, result.text
-    figures = out / "figures"
-    names = {f"{stem}.{end}" for stem in ("corner", "trace") for end in ("svg", "png")}
-    assert {path.name for path in figures.iterdir()} == names
-    assert bd.verify(out).together
-    shutil.copy(figures / "trace.svg", figures / "corner.svg")
-    renew_digests(out)
-    (problem,) = bd.verify(out).problems
-    assert "corner.svg: is another figure than its name says" in str(problem)
-    (figures / "mine.svg").write_text("kept")
-    replace_once(config, formats, "[]")
-    result = posterior(config, out, "--force")
-    assert result.status == 0, result.text
-    assert [path.name for path in figures.iterdir()] == ["mine.svg"]
-
-
 def test_every_file_of_a_record_is_part_of_its_run(tmp_path: Path) -> None:
     """And results are refused in the folder of any of them."""
     config = command_line.small_config(

@@ -1,8 +1,6 @@
 """Clusters that fail: each ends in a sentence within half a minute, or the work goes on."""
 
 import asyncio
-import os
-import signal
 import socket
 import sys
 import threading
@@ -204,23 +202,3 @@ def test_work_ends_where_the_scheduler_is_silent_or_gone() -> None:
 def slow(index: int) -> int:
     time.sleep(0.5)
     return index
-
-
-@pytest.mark.slow
-def test_a_real_worker_that_stops_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(remote, "PATIENCE", 5.0)
-    monkeypatch.setattr(remote, "WATCH", 2.0)
-    monkeypatch.setattr(remote, "SILENT_SECONDS", 5.0)
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
-    ) as cluster:
-        pid, done = cluster.workers[1].pid, []
-        with remote.dask_executor(cluster.scheduler_address) as executor:
-            futures = [executor.submit(slow, k) for k in range(12)]
-            for _, index in remote.results(executor, futures, OUT, Silent()):
-                done.append(index)
-                if len(done) == 5:  # what the worker has done stays in its memory
-                    os.kill(pid, signal.SIGSTOP)
-        assert sorted(done) == list(range(12))
-        os.kill(pid, signal.SIGKILL)

@@ -139,14 +139,6 @@ def test_one_unknown_beside_many_held_numbers_does_not_depend_on_them() -> None:
     assert all("k_s" not in one.unknown for one in dependences(target))
 
 
-def test_a_product_depends_on_a_held_number_if_its_symmetry_changes_it() -> None:
-    (one,) = dependences(target_with("l_m"))
-    assert one.scales(("r_m", "k_T"), (1, 0))
-    assert one.scales(("k_s", "k_T"), (1, -1))
-    assert not one.scales(("r_m", "k_T"), (1, -1))
-    assert not one.scales(("k_s", "j_1"), (1, -1))
-
-
 def test_a_held_number_that_the_record_hardly_shows_leaves_its_scale_to_priors() -> None:
     """k_e/(r_m k_s) is known well, r_m through a held l_m to `sd`; r_m and k_e have priors of 0.3."""
     names, priors = ("k_s", "r_m", "k_e"), np.array([3.0, 0.3, 0.3])

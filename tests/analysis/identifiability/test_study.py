@@ -1,13 +1,11 @@
 """What a record of the nominal rig can show: symmetries, products, bounds, remedies, and their words."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from support.case_tables import run_cases
 from support.command_line import ROOT
 from support.scipy_oracles import ORDER
-from support.small_problems import experiment, noisy_step, posterior, replace_only
+from support.small_problems import noisy_step, posterior
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.profile import Profile
@@ -21,12 +19,9 @@ from bayesdrill.report.sections.identifiability import (
     THROUGH_OTHERS,
     describe_profiles,
     describe_study,
-    percent,
     product,
-    summarise_study,
 )
-from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
-from bayesdrill.rig.simulators.linear import Response
+from bayesdrill.rig.models.motor_shaft import MotorShaft
 
 SIGMA = np.array([0.02, 0.01, 0.05, 0.03])  # unequal
 RECORD = noisy_step(SIGMA)
@@ -75,39 +70,6 @@ def test_the_rig_has_two_symmetries_and_seven_invariants() -> None:
     assert "k_T, r_m and l_m can all be multiplied by the same factor" in text
 
 
-@run_cases(
-    "held, left",
-    [
-        (("j_1",), 1),
-        (("r_m",), 1),
-        (("j_1", "r_m"), 0),
-        (("k_e",), 2),
-        (("j_m", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f"), 0),
-    ],
-)
-def test_held_parameters_break_symmetries(held: tuple[str, ...], left: int) -> None:
-    structure = study_with(*without(*held)).structure
-    assert (len(structure.symmetries), structure.unexplained) == (left, 0)
-
-
-FOUR = {name: {name: 1.0} for name in ("theta_1", "theta_2", "w_1", "w_2")}
-LOADED = experiment(101, 0.03, measures=FOUR, constant={"v": 8.0, "t_1": 0.05})
-WITH_CURRENT = experiment(101, 0.03, y=np.ones((101, 5)))
-RECORDS = {
-    "a measured current": (posterior(WITH_CURRENT, np.full(5, 0.1)), {MECHANICAL}),
-    "a known load": (posterior(LOADED, SIGMA), {ELECTRICAL}),
-    "unknown noise levels": (posterior(RECORD, None), {ELECTRICAL, MECHANICAL}),
-}
-
-
-@run_cases("target, left", RECORDS.values(), RECORDS)
-def test_measured_currents_and_loads_break_symmetries(
-    target: Posterior, left: set[tuple[int, ...]]
-) -> None:
-    """Noise levels that are unknown do not matter."""
-    assert set(study(target).structure.symmetries) == left
-
-
 def test_the_tie_of_an_ideal_motor_breaks_one_symmetry() -> None:
     source = loading.load(ROOT / "configs" / "nominal_step.yaml").source
     source.data["parameters"]["k_T"] = {"tie": "k_e"}
@@ -117,33 +79,6 @@ def test_the_tie_of_an_ideal_motor_breaks_one_symmetry() -> None:
     # k_T stays, so the factor of the mechanical scale is undone by the electrical one.
     powers = dict(zip(structure.names, symmetry, strict=True))
     assert powers["j_m"] == -powers["r_m"] != 0
-
-
-def test_a_known_inertia_at_the_motor_only_bends_the_symmetries() -> None:
-    target = posterior(RECORD, SIGMA)
-    response = Response(TwoRotors(j_2=7e-3, r_s=0.2), RECORD)
-    result = study(replace(target, likelihood=replace_only(target.likelihood, response=response)))
-    assert result.structure.symmetries == ()
-    assert result.structure.unexplained == 2
-    shown = np.array(result.structure.invariants, dtype=float)
-    assert np.linalg.matrix_rank(shown) == len(shown) == 5
-    assert np.linalg.matrix_rank(np.vstack([shown, exponents(k_s=1, j_1=-1)])) == 5
-    assert not shown[:, [ORDER.index("j_m"), ORDER.index("r_m")]].any()
-    text = summarise_study(result)
-    assert "2 changes of several of j_m, c_m" in text
-    assert "leave every signal as it is" in text
-
-
-def test_badly_known_unknowns_are_named_with_their_bounds() -> None:
-    result = study_with(*without("r_m", "j_1"))
-    first, second, *_ = summarise_study(result).split("; ")
-    assert first == "no symmetry hides an unknown from this record"
-    known = dict(zip(result.names, result.parameters, strict=True))
-    assert 0 < sum(parameter.bound > 0.5 for parameter in known.values()) < len(known)
-    for name, parameter in known.items():
-        bound = f"{name} to {percent(parameter.bound)}"
-        assert (bound in second) == (parameter.bound > 0.5)
-    assert summarise_study(study_with("k_s", "k_e")) == "the record determines every unknown"
 
 
 def test_the_best_known_product_is_the_frequency_of_the_rotor() -> None:

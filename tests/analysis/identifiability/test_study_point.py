@@ -8,7 +8,6 @@ from support.case_tables import run_cases
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
-from bayesdrill.analysis.identifiability.study import study_point
 
 T = np.linspace(0.0, 3.0, 121)
 PUSH = 2.0 * np.sin(3.0 * T)
@@ -69,9 +68,6 @@ RESTING = {
     "a servo": (servo(uniform(0.0, 8.0, start=4.0)), "w_2", {"j_m"}),
     "a cart": (cart(0.0), "x_cart", {"c_cart"}),
 }
-MOVING = {
-    "a pendulum": pendulum(1.5), "a servo": servo(uniform(0.0, 8.0, start=0.5)), "a cart": cart(0.7)
-}  # fmt: skip
 
 
 @run_cases("case, channel, determined", RESTING.values(), RESTING)
@@ -92,15 +88,6 @@ def test_a_rig_that_rests_at_the_start_is_studied_where_it_moves(
     assert findings.point.theta == pytest.approx(case.identify().point.theta)  # by the seed
 
 
-@run_cases("case", MOVING.values(), MOVING)
-def test_a_rig_that_moves_is_studied_at_the_start(case: bd.Case) -> None:
-    posterior = case.job.problem.posterior
-    point = study_point(SensitivityStudy(posterior.likelihood), posterior, 0)
-    assert (point.at, point.still) == ("the start", ())
-    assert point.theta.tolist() == [*posterior.space.start.values()]
-    assert "AT REST" not in case.identify().text
-
-
 def test_nothing_is_said_of_the_record_where_no_draw_moves_the_rig() -> None:
     """The friction is beyond the drive wherever the priors lead."""
     case = servo(uniform(3.0, 8.0))
@@ -108,14 +95,6 @@ def test_nothing_is_said_of_the_record_where_no_draw_moves_the_rig() -> None:
         assert "Nor does it at likely draws from the priors" in text
         assert "left to the prior" not in text
         assert "not at all" not in text
-
-
-def test_a_record_that_is_at_rest_itself_is_studied_at_the_start() -> None:
-    noise = 0.01 * np.random.default_rng(2).standard_normal(len(T))
-    believed = {"j_m": wide(), "c_m": 0.2, "t_cm": uniform(0.0, 8.0)}
-    channels = {"w_2": bd.Channel(noise, "rad/s", 0.01)}
-    case = bd.case(T, channels, {"t_m": 0.1}, believed, rig=bd.Motor(added=("t_cm",)))
-    assert case.identify().point.still == ()
 
 
 def test_slopes_that_overflow_tell_nothing() -> None:

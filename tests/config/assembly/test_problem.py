@@ -1,11 +1,9 @@
 """A described drive train becomes a posterior: its density is that of its equations, typed anew."""
 
-import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import for_each, run_cases
 from support.config_texts import DEG, RPM, save, write
 from support.described_rigs import (
     CURRENT,
@@ -20,7 +18,6 @@ from support.described_rigs import (
     save_records,
 )
 
-from bayesdrill.config import job
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.inference import derived
 
@@ -66,64 +63,6 @@ def test_the_density_of_masses_along_a_line_is_that_of_their_equations(tmp_path:
     wall = FORCE[0] / p["k_wall"]
     x = integrated(cart_rates, p, FORCE, [wall + FORCE[0] / p["k_spring"], 0.0, wall, 0.0])
     assert found == pytest.approx(carts_density(y, x), rel=1e-8)
-
-
-@run_cases(
-    "motion, letter, unit, size, inertia, stiffness",
-    [("", "theta", "deg", DEG, "j", 0.5), ("motion: linear, ", "x", "mm", 1e-3, "m", 30.0)],
-)
-def test_an_imposed_angle_or_position_moves_the_load(
-    motion: str, letter: str, unit: str, size: float, inertia: str, stiffness: float, tmp_path: Path
-) -> None:
-    """Its speed is held between samples; all begins where it does."""
-    angle = 0.3 + np.sin(4 * T)
-    save(tmp_path, "moved.csv", t=T, a=angle / size, y=np.cos(T) / size)
-    path = write(
-        tmp_path,
-        "name: moved\nseed: 1\nrecord:\n  file: moved.csv\n  time: {column: t, unit: s}\n"
-        f"  channels: {{{letter}_load: {{column: y, unit: {unit}, sigma: 1.0}}}}\n"
-        f"inputs: {{{letter}_top: {{column: a, unit: {unit}}}}}\ninitial: {{{letter}_load: 0.3}}\n"
-        f"model: {{name: train, {motion}inertias: [top, load], shafts: {{rope: [top, load]}}, "
-        f"drives: {{top: speed}}}}\nparameters: {{k_rope: {stiffness}, {inertia}_load: {{prior: "
-        "log_normal, median: 0.02, sd_log: 0.1}}\n",
-    )
-    p, found = likelihood(prepare(path))
-
-    def rates(t: float, x: np.ndarray, p: dict[str, float], w: float) -> list[float]:
-        return [w, 0.0, x[3], stiffness * (x[0] - x[2]) / p[f"{inertia}_load"]]
-
-    speeds = np.append(np.diff(angle) / 0.01, 0.0)
-    x = integrated(rates, p, speeds, [angle[0], 0.0, 0.3, 0.0])
-    assert found == pytest.approx(log_density(np.cos(T), x[:, 2], size), rel=1e-8)
-
-
-def test_arrays_and_a_model_are_such_a_config(tmp_path: Path) -> None:
-    save_records(tmp_path)
-    read = prepare(write(tmp_path, ROTARY))
-    columns = np.genfromtxt(tmp_path / "arm.csv", delimiter=",", names=True)
-    entries = {**read.source.data, "model": job.model_entry(read.case.model)}
-    entries["record"] = {"channels": entries["record"]["channels"]}
-    in_memory = job.job_in_memory({name: columns[name] for name in columns.dtype.names}, entries)
-    assert in_memory.case.model == read.case.model
-    assert likelihood(in_memory) == likelihood(read)
-    copy = pickle.loads(pickle.dumps(read.config))
-    assert copy == read.config
-    assert copy.model_fields_set == read.config.model_fields_set
-
-
-def test_a_torque_may_be_missing_at_any_inertia(tmp_path: Path) -> None:
-    save_records(tmp_path)
-
-    def check(text: str, name: str, unit: str) -> None:
-        size = "{prior: log_uniform, low: 0.01, high: 1.0}"
-        torque = f"missing_torque: {{at: {name}, size: {size}, time: 1.0}}\n"
-        problem_job = prepare(write(tmp_path, text + torque))
-        symbols = {symbol.name: symbol.unit for symbol in problem_job.problem.symbols}
-        assert symbols["s_d"] == unit
-        assert np.isfinite(likelihood(problem_job)[1])
-
-    cases = {name: (ROTARY, name, "N*m") for name in ("motor", "arm", "load")}
-    for_each(cases | {name: (LINEAR, name, "N") for name in ("first", "second")}, check)
 
 
 CHAIN = """\

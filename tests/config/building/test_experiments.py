@@ -18,7 +18,6 @@ from bayesdrill.results import provenance
 
 FAST = "  fast: {record: {file: fast.csv}}\n"
 SHARED = "shared: [lag_theta_1, offset_theta_1]"
-OWN_INERTIA = (SHARED, f"own: [j_1]\n{SHARED}")
 FREE_START = ("experiments:\n  slow", "initial: free\nexperiments:\n  slow")
 CASES = command_line.ROOT.parent / "shared" / "cases" / "small"
 
@@ -171,19 +170,6 @@ def test_a_resolved_config_holds_the_numbers_of_each_experiment(tmp_path: Path) 
     assert again.problem.derived[0].expression.text == "j_1 / k_s_slow"
 
 
-def test_formulas_name_what_is_own_of_an_experiment_with_its_label(tmp_path: Path) -> None:
-    formulas = "derived: {ratio: j_1_slow/j_1_fast, of_both: ratio + k_e}"
-    problem = pair(tmp_path, OWN_INERTIA, ("output:", f"{formulas}\noutput:")).problem
-    theta = problem.posterior.space.draw(50, np.random.default_rng(1))
-    values, draws = (
-        derived.values_at(problem, theta),
-        dict(zip(problem.names, theta.T, strict=True)),
-    )
-    ratio = draws["j_1_slow"] / draws["j_1_fast"]
-    assert values["ratio"] == pytest.approx(ratio)
-    assert values["of_both"] == pytest.approx(ratio + draws["k_e"])
-
-
 def test_free_states_are_as_wide_as_the_channels(tmp_path: Path) -> None:
     priors = pair(
         tmp_path, FREE_START, ("walkers: 16", "walkers: 32")
@@ -222,18 +208,6 @@ def test_a_state_of_which_no_channel_tells_needs_a_prior(tmp_path: Path) -> None
     ]
     with pytest.raises(InputError, match=r"initial\.theta_1: .*give it a prior"):
         pair(tmp_path, *changes)
-
-
-def test_a_moving_start_leaves_out_what_a_lag_may_show_of_before(tmp_path: Path) -> None:
-    """Of the lagging channel alone, up to where the prior ends; of a rig at rest nothing."""
-    normal = "lag: {prior: normal, mean: 0, sd: 20, unit: ms}"
-    lag = (normal, "lag: {prior: uniform, low: 0, high: 100, unit: ms}")
-    for start, counts in (("{w_1: 3.0}", (98, 101)), ("{theta_1: 0.5, theta_2: 0.5}", (101, 101))):
-        begun = ("experiments:\n  slow", f"initial: {start}\nexperiments:\n  slow")
-        experiment = pair(tmp_path, lag, begun).problem.observations[0].experiment
-        assert experiment.counts == counts  # without those at 0, 0.04 and 0.08 s
-        notes = [note for note in experiment.told if "left out" in note]
-        assert [note[:18] for note in notes] == ["theta_1: 3 samples"] * (counts[0] < 101)
 
 
 @pytest.mark.skipif(not CASES.is_dir(), reason="the records of others are not there")

@@ -8,7 +8,6 @@ from support.command_line import ROOT
 from support.config_texts import write
 from support.scipy_oracles import ORDER
 
-from bayesdrill.config import loading
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.unknowns import ParameterSpace
@@ -96,11 +95,3 @@ def test_a_relation_that_is_not_positive_ends_the_prior(tmp_path: Path) -> None:
     log_prior = space.log_prior(theta)
     assert np.isfinite(log_prior[:2]).all()
     assert log_prior[2] == -np.inf
-
-
-def test_nominal_values_may_be_corrected(tmp_path: Path) -> None:
-    bundled = (ROOT / "configs" / "nominal_step.yaml").read_text()
-    own = ("nominal: tables_2_3", "nominal: {table: table_1, j_1: 0.03}")
-    (experiment,) = loading.load(write(tmp_path, bundled, own)).experiments
-    values = experiment.nominal.values
-    assert (values["k_s"], values["j_1"], values["j_m"]) == (0.30, 0.03, 4e-4)

@@ -9,19 +9,15 @@ import pytest
 from support import command_line, two_experiments
 from support.config_texts import DRILL_T, write, write_shaft
 
-from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.config.building.channels import build_channel, build_noise
 from bayesdrill.config.job import prepare
 from bayesdrill.config.schema.records import ChannelSpec
 from bayesdrill.inference.noise.quantised import Quantised
-from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import LogNormal, TruncatedNormal, Uniform
 from bayesdrill.rig.models.linear import with_all
 from bayesdrill.rig.models.train import Train
 
-LAG = "lag: {prior: normal, mean: 0, sd: 20, unit: ms}"
-OFFSET = "offset: {prior: normal, mean: 0, sd: 10}"
 W_1 = "w_1: {column: w_1, unit: rad/s, sigma: 0.1"
 SMALL_W_1 = "w_1: {column: w_1, unit: rad/s, sigma: 0.05}"
 SIGMA = "{prior: log_uniform, low: 0.01, high: 1}"
@@ -41,23 +37,6 @@ def shaken(folder: Path, *changes: tuple[str, str], torque: str = TORQUE) -> Pat
     """The small experiment with a missing torque."""
     more = ((END, END + torque), ("walkers: 8", "walkers: 12"))
     return command_line.small_config(folder, *more, *changes)
-
-
-def test_mistakes_of_several_sensors_are_told_at_once(tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
-        prepare(
-            two_experiments.write(
-                tmp_path,
-                (LAG, "lag: {prior: normal, mean: 0, sd: 20, unit: V}"),
-                (OFFSET, "offset: {prior: uniform, low: 2, high: -2}"),
-                (W_1, f"{W_1}, gain: 0"),
-            )
-        )
-    assert {problem.place.partition(": ")[2] for problem in caught.value.problems} == {
-        "record.channels.theta_1.lag",
-        "record.channels.theta_1.offset",
-        "record.channels.w_1.gain",
-    }
 
 
 def test_numbers_and_priors_are_in_si(tmp_path: Path) -> None:
@@ -178,24 +157,6 @@ def test_an_impossible_true_correlation_is_refused(tmp_path: Path) -> None:
 
 
 # A missing torque.
-
-
-def torque_numbers(problem: Problem) -> object:
-    return problem.posterior.likelihood.only_observation.process  # type: ignore[attr-defined]
-
-
-def test_size_and_time_of_a_missing_torque_are_unknowns_behind_the_noise(tmp_path: Path) -> None:
-    sigma = (SMALL_W_1, SMALL_W_1.replace("0.05", SIGMA))
-    posterior = prepare(shaken(tmp_path, sigma)).problem.posterior
-    assert posterior.space.free == ("k_e", "j_1", "sigma_w_1", "s_d", "tau_d")
-    start = posterior.space.start
-    assert start["tau_d"] == 0.4
-    assert start["s_d"] == pytest.approx(10**-1.5)
-    assert np.isfinite(posterior.density(posterior.space.vector(start)[None])).all()
-    given = "missing_torque: {at: motor, size: 0.02, time: 0.5, smoothness: 1/2}\n"
-    problem = prepare(shaken(tmp_path, torque=given)).problem
-    assert problem.names == ("k_e", "j_1")
-    assert torque_numbers(problem) == {"s_d": 0.02, "tau_d": 0.5}
 
 
 def test_a_missing_torque_beside_friction_is_said_to_be_an_approximation(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.io
 from support.config_texts import RNG, SPEED, SUPPLY, T, load_measured, read_measured, save
 
 from bayesdrill.basics.errors import InputError
@@ -92,15 +91,6 @@ def test_sigma_and_its_prior_are_in_the_unit_of_the_column(tmp_path: Path) -> No
     assert problem.symbols[1].unit == "rad/s"
 
 
-def test_a_window_keeps_its_samples_and_the_rig_starts_there(
-    tmp_path: Path, table: np.ndarray
-) -> None:
-    experiment = read(tmp_path, RECORD + "\n  window: [0.16, 0.24]")
-    assert experiment.t == pytest.approx(np.arange(0.16, 0.2401, 0.004))
-    assert experiment.y[:, 0] == pytest.approx(np.radians(table[10:31, 1]))
-    assert experiment.t_start == experiment.t[0]
-
-
 @pytest.mark.usefixtures("table")
 def test_constant_inputs_start_at_zero_and_the_state_may_be_given(tmp_path: Path) -> None:
     rest = "initial: {time: -0.1, theta_1: {value: 90, unit: deg}, w_2: 3}\n"
@@ -112,46 +102,7 @@ def test_constant_inputs_start_at_zero_and_the_state_may_be_given(tmp_path: Path
     assert rate.t == pytest.approx(np.arange(50) / 250)
 
 
-def test_variables_and_columns_of_a_mat_file_are_read(tmp_path: Path) -> None:
-    data = np.random.default_rng(4).normal(size=(40, 3))
-    scipy.io.savemat(tmp_path / "r.mat", {"rig": {"w": data, "t": 0.02 * np.arange(40)}})
-    channel = "w_1: {variable: rig.w, column: 3, unit: deg/s, sigma: 1}"
-    record = f"  file: r.mat\n  time: {{variable: rig.t, unit: s}}\n  channels: {{{channel}}}"
-    assert read(tmp_path, record).y[:, 0] == pytest.approx(np.radians(data[:, 2]))
-
-
-def test_all_problems_of_a_record_are_told_at_once_with_rows(
-    tmp_path: Path, table: np.ndarray
-) -> None:
-    table[7, 1] = np.nan
-    table[9:20, 2] = np.inf
-    table[:, 3] = 5.0
-    save_table(tmp_path, table)
-    with pytest.raises(InputError) as caught:
-        read(tmp_path, RECORD, "{v: {column: volt, unit: V}}")
-    message = str(caught.value)
-    for text in ("column 'twist' has 1 value without a number", "line 9", "and 6 more"):
-        assert text in message
-    assert "is 5 in every row" in message
-    assert "no column 'volt'" in message
-    assert len(caught.value.problems) == 4
-
-
 # Times.
-
-GAPS = np.r_[0:50, 57:58, 60:200, 201:240]
-
-
-def test_times_with_gaps_are_put_on_their_grid(tmp_path: Path) -> None:
-    third = (0.3 + np.arange(240) / 300)[GAPS]
-    save(tmp_path, "r.csv", t=np.round(third, 6), w=SPEED[GAPS])
-    experiment = read_measured(tmp_path)
-    assert not experiment.uniform
-    assert experiment.counts == (len(GAPS),)
-    np.testing.assert_allclose(experiment.t, third, rtol=0, atol=3e-7)
-    steps = np.diff(experiment.t) / experiment.dt
-    np.testing.assert_allclose(steps, np.diff(GAPS), rtol=0, atol=1e-6)
-    np.testing.assert_allclose(experiment.y[:, 0], SPEED[GAPS], rtol=1e-11)
 
 
 def test_even_and_jittered_times_are_those_of_the_file(tmp_path: Path) -> None:

@@ -14,8 +14,6 @@ from support.config_texts import (
     write_shaft,
 )
 
-import bayesdrill as bd
-from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 from bayesdrill.config.records import reading, simulation
@@ -23,53 +21,6 @@ from bayesdrill.rig.simulators.stepped import Stepped
 
 TOP = "w_2: {column: top, unit: rpm}"
 IMPOSED = (TOP, "theta_2: {column: angle, unit: deg}")
-MOTOR = """\
-name: motor
-seed: 4
-record:
-  {file: drill.csv, time: {column: t, unit: s}, channels: {w_2: {column: bit, unit: rpm, sigma: 2}}}
-inputs: {t_m: {column: torque, unit: mN*m}}
-model: {name: motor}
-parameters: {j_m: {prior: uniform, low: 1, high: 9}, c_m: 0.1}
-"""
-
-
-@run_cases(
-    "old, new, messages",
-    [
-        (
-            "{t_m: {column: torque, unit: mN*m}}",
-            "{v: 8}",
-            [
-                "inputs.t_m: missing: the model needs the torque that the motor is driven with",
-                "inputs.v: the model motor has no such input; remove it (its inputs: t_m), or name k_e",
-            ],
-        ),
-        (
-            "j_m: {",
-            "k_e: 0.1, r_m: 1, j_m: {",
-            ["parameters.k_e: k_e means nothing without k_T and l_m"],
-        ),
-        (
-            "j_m: {",
-            "k_e: 0.1, k_T: 0.1, r_m: 1, l_m: 1, j_m: {",
-            [
-                "inputs.t_m: the model motor has no such input; remove it (its inputs: v)",
-                "inputs.v: this entry is missing",
-            ],
-        ),
-        ("mN*m}}", "mN*m}, t_1: 0.1}", ["inputs.t_1: the model motor has no such input"]),
-        ("{name: motor}", "{name: motor, i_m: 8}", ["8:1 meant? Then write 0.125"]),
-    ],
-)
-def test_what_drives_a_motor_follows_from_its_parameters(
-    old: str, new: str, messages: list[str], tmp_path: Path
-) -> None:
-    with pytest.raises(InputError) as caught:
-        prepare(write_shaft(tmp_path, (old, new), text=MOTOR))
-    problems = sorted(map(str, caught.value.problems))
-    for problem, message in zip(problems, messages, strict=True):
-        assert message in problem
 
 
 def test_measured_inputs_are_converted_to_si(tmp_path: Path) -> None:
@@ -119,20 +70,6 @@ def test_a_free_start_frees_no_imposed_angle(tmp_path: Path) -> None:
     assert "theta_2_0" not in prepare(write_shaft(tmp_path, start, IMPOSED)).problem.names
 
 
-def test_missing_samples_of_an_imposed_angle_are_bridged_straight(tmp_path: Path) -> None:
-    bridged = (TOP, "theta_2: {column: angle, unit: deg, missing: hold}")
-    path = write_shaft(tmp_path, bridged)
-    rows = (tmp_path / "drill.csv").read_text().splitlines()
-    for k in (51, 52):
-        cells = rows[k].split(",")
-        rows[k] = ",".join([*cells[:2], "", *cells[3:]])
-    (tmp_path / "drill.csv").write_text("\n".join(rows) + "\n")
-    experiment = prepare(path).problem.experiment
-    rate = (TOP_ANGLE[52] - TOP_ANGLE[49]) / 0.03
-    assert experiment.series["w_2"][49:52] == pytest.approx(rate, rel=1e-8)
-    assert any("theta_2: 2 samples are bridged" in note for note in experiment.told)
-
-
 @run_cases("changes, moved", [((), "top"), ((IMPOSED,), "angle")])
 def test_a_simulated_record_has_its_inputs_in_the_units_of_their_columns(
     changes: tuple[tuple[str, str], ...], moved: str, tmp_path: Path
@@ -146,13 +83,3 @@ def test_a_simulated_record_has_its_inputs_in_the_units_of_their_columns(
     assert after.start == pytest.approx(before.start)
     head = (tmp_path / "drill.csv").read_text().splitlines()[0]
     assert head.split(",") == ["t", "bit", "torque", moved]
-
-
-def test_init_names_a_rig_for_records_without_a_voltage(tmp_path: Path) -> None:
-    columns = {"t [s]": DRILL_T, "bit [rad/s]": TOP_SPEED[::-1], "load [N*m]": TORQUE}
-    save(tmp_path, "bit.csv", **columns)
-    save(tmp_path, "both.csv", **columns, **{"top [rad/s]": TOP_SPEED})
-    for name in ("both", "bit"):
-        bd.init(tmp_path / f"{name}.csv")
-        draft = (tmp_path / f"{name}.yaml").read_text().replace("#", "")
-        assert "use `--rig driven_shaft`" in " ".join(draft.split())

@@ -4,19 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import run_cases
 from support.command_line import ROOT
 from support.config_texts import write, write_composed
-from support.described_rigs import LINEAR, ROTARY, save_records
-from support.described_rigs import T as SAMPLES
 from support.scipy_oracles import NOMINAL, by_expm, with_damping
 
-from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.config import loading
-from bayesdrill.config.job import prepare
 from bayesdrill.config.records import simulation
 from bayesdrill.record.formats.csv import CsvOptions, read
-from bayesdrill.tasks import identify
 
 CONFIGS = ROOT / "configs"
 BUNDLED = CONFIGS / "nominal_step.yaml"
@@ -46,30 +40,6 @@ def test_the_bundled_record_is_the_nominal_response_with_noise_of_a_tenth() -> N
     assert np.abs(np.corrcoef(noise.T) - np.eye(4)).max() < 0.12
 
 
-def test_the_bundled_record_of_ties_obeys_them() -> None:
-    table = read(CONFIGS / "records" / "example_ties.csv", CsvOptions())
-    k_s = np.pi * 79.6e9 * 3.005e-3**4 / (32 * 2.4)
-    own = {"k_e": 0.085, "k_T": 0.085, "k_s": k_s, "j_1": 0.0284, "t_f": 0.06}
-    clean = by_expm({**NOMINAL, **own}, table.pick("t")[::10], np.zeros(5), 8.0, 0.0)
-    assert (table.pick("w_1")[::10] - clean[:, 2]).std() == pytest.approx(0.1, rel=0.2)
-
-
-@pytest.mark.slow
-def test_the_truth_of_the_bundled_experiments_is_plausible_and_their_start_is_not() -> None:
-    """By the misfit for each number: 1 where only noise is left."""
-    job = prepare(CONFIGS / "example_experiments.yaml")
-    problem, space = job.problem, job.problem.posterior.space
-    likelihood = problem.posterior.likelihood
-    truth = dict(problem.nominal) | {"gain_twist": 1.06, "lag_twist": 0.018, "t_0_step": 0.035}
-    scatter = 4 * np.sqrt(2 / likelihood.n_measured)
-    assert abs(likelihood.mean_square(space.vector(truth)[None])[0] - 1) < scatter
-    assert likelihood.mean_square(space.vector(space.start)[None])[0] > 20
-    first, dependence = identify.preflight(job, SensitivityStudy(likelihood)).splitlines()
-    assert first == "the record determines every unknown"
-    held = "k_s, j_1 and t_f depend on j_m, c_m and k_T, which the config holds"
-    assert dependence.startswith(held)
-
-
 def test_simulated_records_differ_by_seed_and_obey_the_truth(tmp_path: Path) -> None:
     truth = ("rate: 100\n", "rate: 50\n  k_s: 0.31\n  j_1: 0.02\n")
     case = loading.load(write(tmp_path, BUNDLED.read_text(), truth))
@@ -92,15 +62,3 @@ def test_added_physics_is_simulated(tmp_path: Path) -> None:
     states, undamped = (with_damping(damping, 0.11, t)[:, [0, 2]] for damping in (0.02, 0.0))
     assert simulated == pytest.approx(states, abs=1e-5)
     assert np.abs(states - undamped).max() > 0.1
-
-
-@run_cases("text, name, channels", [(ROTARY, "arm.csv", 3), (LINEAR, "carts.csv", 2)])
-def test_a_simulated_record_of_a_train_leaves_noise(
-    text: str, name: str, channels: int, tmp_path: Path
-) -> None:
-    save_records(tmp_path)
-    path = write(tmp_path, text)
-    (tmp_path / name).write_text(simulation.simulate(loading.load(path), seed=1))
-    posterior = prepare(path).problem.posterior
-    squares = posterior.likelihood.mean_square(posterior.space.vector(posterior.space.start)[None])
-    assert squares[0] == pytest.approx(1.0, abs=5 * np.sqrt(2 / (channels * len(SAMPLES))))

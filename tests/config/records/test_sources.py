@@ -63,17 +63,6 @@ def test_an_input_of_one_sample_is_held(tmp_path: Path) -> None:
     assert experiment.uniform
 
 
-def test_a_file_of_another_form_says_how_it_is_written(tmp_path: Path) -> None:
-    save(tmp_path, "r.csv", t=T, w=SPEED)
-    rows = (f"{k};{x:.6f}".replace(".", ",") for k, x in enumerate(ANGLE))
-    (tmp_path / "more.log").write_text("a title\n" + "\n".join(rows) + "\n")
-    file = "{path: more.log, format: csv, skip_rows: 1, header: false, decimal: ','}"
-    time = "{rate: 100, offset: 0.3}"
-    angle = f"theta_1: {{file: {file}, time: {time}, column: 2, unit: rad, sigma: 1}}"
-    experiment = read_measured(tmp_path, channel=angle)
-    assert experiment.y[:, 1] == pytest.approx(np.round(ANGLE, 6))
-
-
 def test_an_input_must_be_known_where_it_is_needed(tmp_path: Path) -> None:
     save(tmp_path, "r.csv", t=T, w=SPEED)
     save(tmp_path, "late.csv", t=T[5:], u=SUPPLY[5:])
@@ -147,12 +136,3 @@ def test_without_a_filter_each_channel_is_thinned_by_itself(tmp_path: Path) -> N
     assert angles[:3].tolist() == [7, 17, 27]
     assert experiment.held_out is not None
     assert np.count_nonzero(~np.isnan(experiment.held_out[:, 0])) == 201
-
-
-@pytest.mark.parametrize(("decimate", "samples", "least"), [(PLAIN, 90, 91), (FILTERED, 250, 291)])
-def test_a_record_that_decimation_leaves_too_short_is_refused(
-    decimate: str, samples: int, least: int, tmp_path: Path
-) -> None:
-    save(tmp_path, "r.csv", t=LONG[:samples], w=SLOW[:samples])
-    message = refused(tmp_path, record=decimate)
-    assert f"{samples} samples are too few: {least} leave 10; take a smaller factor" in message

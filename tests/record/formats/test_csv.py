@@ -52,6 +52,8 @@ DIALECTS: dict[str, bytes] = {
     "blanks, decimal comma": text("  ", ",").encode(),
     "UTF-8 with BOM and CRLF": text(";").replace("\n", "\r\n").encode("utf-8-sig"),
     "UTF-16": text("\t").encode("utf-16"),
+    "UTF-16 without a mark": text(";").encode("utf-16-le"),
+    "powers of Fortran": "\n".join([",".join(NAMES), *rows(",")]).replace("e+", "D+").encode(),
     "UTF-16 big endian": b"\xfe\xff" + text(";", ",").encode("utf-16-be"),
     "old Mac line ends": text(",").replace("\n", "\r").encode(),
     "no newline at the end": text(",").rstrip().encode(),

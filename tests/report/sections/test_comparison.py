@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
-from support.compared_models import CHANNELS, model
+from support.compared_models import CHANNELS
 from support.figure_checks import legend_texts, marked, xy
 from support.figure_contexts import (
     compared,
@@ -20,12 +20,6 @@ from bayesdrill.report.comparison_report import OVERLAID
 from bayesdrill.report.section import as_markdown, as_text
 from bayesdrill.report.sections.comparison import comparison_sections
 from bayesdrill.report.sections.overlay import RUN_STYLES
-
-
-def test_of_many_models_those_unknowns_are_shown_that_most_have() -> None:
-    summaries = [model(str(k), -float(k), unknowns=3 if k < 2 else 2) for k in range(8)]
-    assert len(compared(summaries).axes) == 3 + 2
-    assert len(compared(summaries[:3]).axes) == 3 + 3
 
 
 def test_marks_of_models_stand_where_the_numbers_are() -> None:
@@ -45,22 +39,6 @@ def test_marks_of_models_stand_where_the_numbers_are() -> None:
     assert hollow == {places[summary.name] for summary in summaries if not summary.like_noise}
     assert len({round(y) for y in hollow}) == 3
     assert np.ptp([xy(mark)[1, 0] for mark in channels]) == 3
-
-
-def test_long_names_are_shortened_to_the_ends_in_which_they_differ() -> None:
-    ends = ["first", "second", "third"]
-    summaries = [model(f"{'all_that_rubs-' * 4}{end}", -9.0 * k) for k, end in enumerate(ends)]
-    names = [text.get_text() for text in compared(summaries).axes[0].get_yticklabels()]
-    assert {name.rpartition("-")[2] for name in names} == set(ends)
-    assert max(map(len, names)) < len(summaries[0].name)
-
-
-def test_channels_of_several_experiments_say_which_they_are_of() -> None:
-    experiments = ("up", "down the hill")
-    figure = compared([model(x, -3.0 * k, experiments=experiments) for k, x in enumerate("ab")])
-    channels = [text for text in legend_texts(figure) if " in " in text]
-    assert len(channels) == len(set(channels)) == 2 * len(CHANNELS)
-    assert {text.partition(" in ")[2] for text in channels} == set(experiments)
 
 
 def test_overlaid_runs_differ_without_colours() -> None:

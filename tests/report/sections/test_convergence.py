@@ -1,18 +1,15 @@
 """Figures of convergence: traces, ranks, autocorrelation."""
 
-import itertools
-
 import emcee
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from support.case_tables import for_each
-from support.figure_checks import SYMBOLS, TABLE, displayed, drawn, legend_texts, si, xy
+from support.figure_checks import SYMBOLS, drawn, legend_texts, si, xy
 from support.figure_contexts import chains, ranks, trace, trace_of
 
-from bayesdrill.report.sections.convergence import STRETCHES, autocorrelation_figure, trace_figure
+from bayesdrill.report.sections.convergence import STRETCHES, autocorrelation_figure
 
 
 def medians(figure: Figure, panel: int) -> list[Line2D]:
@@ -39,29 +36,8 @@ def test_the_trace_shows_the_medians_of_stretches_and_says_burn_in_once() -> Non
     for_each({"log": (frozenset(("r_m",)),), "plain": (frozenset(),)}, check)
 
 
-def grey(line: Line2D) -> float:
-    return float(np.mean(to_rgb(line.get_color())))
-
-
 def dash(line: Line2D) -> tuple[float, ...]:
     return tuple(line._unscaled_dash_pattern[1] or ())
-
-
-def test_four_ensembles_are_numbered_and_differ_in_print() -> None:
-    """By dashes, or by a clear grey; the numbers stand apart, each on its line."""
-    theta = np.concatenate([trace_of(), trace_of()[:1]])
-    figure = drawn(trace_figure(theta, displayed(SYMBOLS[:9], TABLE, {}, {}), 70))
-    for a, b in itertools.combinations(medians(figure, 0), 2):
-        assert dash(a) != dash(b) or abs(grey(a) - grey(b)) > 0.4
-    marks = {
-        c.get_marker(): c for c in figure.axes[0].get_lines() if str(c.get_marker()).startswith("$")
-    }
-    assert set(marks) == {"$1$", "$2$", "$3$", "$4$"}
-    places = [float(line.get_xdata()[0]) for line in marks.values()]
-    assert min(np.diff(sorted(places))) > 50
-    for (number, mark), median in zip(marks.items(), medians(figure, 0), strict=True):
-        at = np.argmin(np.abs(np.asarray(median.get_xdata()) - mark.get_xdata()[0]))
-        assert mark.get_ydata()[0] == median.get_ydata()[at], number
 
 
 def test_an_ensemble_that_leaves_the_band_of_ranks_is_drawn_so() -> None:

@@ -1,7 +1,5 @@
 """The corner plot: places of draws, contours, nominal values and the MAP; logarithmic axes."""
 
-import math
-
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -83,20 +81,6 @@ def test_nominal_values_and_the_map_are_at_their_places() -> None:
     for_each(cases, check)
 
 
-def test_contours_of_nearly_perfect_correlation_are_narrow() -> None:
-    """They enclose draws, not bins: across the ridge they are as narrow as the draws."""
-    panel = corner_panels(contexts.corner((0, 6)))[1, 0]
-    j_m, k_s = posterior(1500)[:, [0, 6]].T
-    x, y = j_m / 1e-4, k_s
-    slope, start = np.polyfit(x, y, 1)
-    (contours,) = (c for c in panel.collections if not c.filled)
-    moved = contours.get_transform() - panel.transData
-    vertices = np.concatenate([moved.transform(p.vertices) for p in contours.get_paths()])
-    across = vertices[:, 1] - slope * vertices[:, 0] - start
-    assert np.abs(across).max() < 4 * np.std(y - slope * x - start)
-    assert np.ptp(vertices[:, 0]) > 2 * np.std(x)
-
-
 def test_a_flat_density_has_no_contour_and_a_histogram_ends_where_its_prior_does() -> None:
     rng = np.random.default_rng(5)
     n = 12_000
@@ -127,12 +111,6 @@ def test_a_nominal_value_off_the_axis_is_pointed_at() -> None:
     assert not {"nominal value", "prior", "MAP"} & set(texts)
 
 
-def test_the_legend_names_contours_interval_and_lines() -> None:
-    texts = " ".join(legend_texts(contexts.corner(NINE)))
-    for part in ("39.3 %", "86.5 %", "94 % interval", "prior", "nominal value", "MAP"):
-        assert part in texts
-
-
 def test_each_axis_of_small_panels_says_its_ends() -> None:
     """In numbers of the unknown, also on a logarithmic axis."""
     figure = contexts.corner(NINE, scales.SINGLE, logs=frozenset(("c_m",)))
@@ -161,29 +139,3 @@ def test_a_log_uniform_prior_is_flat_on_a_logarithmic_axis_beside_a_plain_one() 
         lines = [c.get_xdata() for c in panel.get_lines() if len(c.get_xdata()) == 2]
         places = sorted(value(label, float(x[0]), log=log) for x in lines)
         assert places == pytest.approx(sorted([TABLE[symbol.name], mode[symbol.name]]))
-
-
-def test_ticks_of_a_logarithmic_axis_are_where_their_texts_say() -> None:
-    figure = drawn(corner_figure(draws_of_priors(), displayed(PAIR, TABLE, {}, PRIORS)))
-    panel = corner_panels(figure)[1, 0]
-    for text in panel.get_xticklabels():
-        place = value(panel.get_xlabel(), text.get_position()[0], log=True)
-        assert place == pytest.approx(si(panel.get_xlabel(), float(text.get_text())), rel=1e-6)
-    assert len(panel.get_xticklabels()) >= 2
-
-
-def test_contours_on_logarithmic_axes_are_those_of_the_logs() -> None:
-    """A bell in the logs is round there, however many decades it spans."""
-    z = np.random.default_rng(2).standard_normal((20_000, 2))
-    draws = np.array([TABLE["j_m"], TABLE["k_s"]]) * 10.0 ** (0.5 * z)
-    priors: dict[str, Prior] = {s.name: LogUniform(1e-9, 1e3) for s in PAIR}
-    panel = corner_panels(corner_figure(draws, displayed(PAIR, {}, {}, priors)))[1, 0]
-    (contours,) = (c for c in panel.collections if not c.filled)
-    outer = max((path.vertices for path in contours.get_paths()), key=lambda v: np.ptp(v[:, 0]))
-    middle = [
-        math.log10(si(label, 1.0) / TABLE[s.name])
-        for label, s in zip((panel.get_xlabel(), panel.get_ylabel()), PAIR, strict=True)
-    ]
-    radii = np.hypot(*(outer + middle).T)
-    assert radii.min() > 0.85
-    assert radii.max() < 1.2

@@ -1,10 +1,8 @@
 """The figure of a fit: record, model, inputs and residuals in units of users; long records."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
@@ -15,15 +13,11 @@ from support.figure_contexts import (
     fit_of,
 )
 
-import bayesdrill as bd
-from bayesdrill.inference import residual_checks
 from bayesdrill.report.sections.fit import (
     Fit,
     corners,
-    every_fit,
     extremes,
     fit_figure,
-    measured,
     record_figure,
 )
 
@@ -65,26 +59,6 @@ def test_a_record_is_drawn_without_a_model_and_its_inputs_in_a_panel_of_their_ow
     assert {*np.round(read(driven.get_ylabel(), line.get_ydata()))} == {-8000, 8000}
 
 
-def test_all_samples_of_a_channel_with_a_slow_clock_are_shown() -> None:
-    """It has 1,500 of 30,000 times; they are not thinned with those of the other clocks."""
-    fit = fit_of(1, 30_000)
-    few = np.where(np.arange(30_000) % 20 == 7, fit.signals[0].y, np.nan)
-    signal = dataclasses.replace(fit.signals[0], y=few, dots=measured(few))
-    for panel in fit_figure(dataclasses.replace(fit, signals=(signal,))).axes:
-        assert dots(panel)[0] == pytest.approx(fit.t[~np.isnan(few)])
-
-
-def test_the_band_is_the_quantiles_of_the_predictive() -> None:
-    fit = fit_of(1, 50)
-    (signal,) = fit.signals
-    spread = signal.model + np.linspace(-1, 1, 101)[:, None]
-    wide = dataclasses.replace(fit, signals=(dataclasses.replace(signal, predictive=spread),))
-    (band,) = fit_figure(wide).axes[0].collections
-    vertices = band.get_paths()[0].vertices
-    heights = vertices[np.isclose(vertices[:, 0], fit.t[20]), 1] - signal.model[20]
-    assert (heights.min(), heights.max()) == pytest.approx((-0.94, 0.94))
-
-
 def test_each_channel_says_what_is_unexplained_and_a_constant_channel_nothing() -> None:
     def texts(fit: Fit) -> list[str]:
         return [text.get_text() for panel in fit_figure(fit).axes for text in panel.texts]
@@ -120,9 +94,6 @@ def test_inputs_are_drawn_held_or_straight_as_the_model_takes_them() -> None:
     for_each({str(straight): (straight,) for straight in [True, False]}, check)
 
 
-ROOT = Path(__file__).parents[3]
-
-
 @given(st.integers(3, 5000), st.integers(10, 300))
 def test_extremes_keep_ends_and_peaks(n: int, most: int) -> None:
     y = np.random.default_rng(n).standard_normal(n)
@@ -140,16 +111,3 @@ def test_corners_of_stairs_are_where_they_rise(n: int, length: int) -> None:
     if len(kept) < 500 and n // length < 400:
         at = np.searchsorted(kept, np.arange(n), side="right") - 1
         np.testing.assert_array_equal(u[kept[at]], u)
-
-
-@pytest.mark.parametrize(("many", "unit", "end"), [(1e4, "ms", 8000.0), (5e3, "s", 8.0)])
-def test_times_of_very_many_units_are_in_seconds(
-    many: float, unit: str, end: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("bayesdrill.config.assembly.problem.MAX_SHOWN_TIME", many)
-    problem = bd.load(ROOT / "configs" / "example_rig.yaml").job.problem
-    space, likelihood = problem.posterior.space, problem.posterior.likelihood
-    at = space.vector(space.start)
-    (fit,) = every_fit(problem, at, residual_checks.residual_summaries(likelihood, at))
-    assert fit.time.latex_unit == unit
-    assert fit.t[-1] == pytest.approx(end)

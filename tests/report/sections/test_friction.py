@@ -7,22 +7,18 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
-from support.case_tables import for_each
-from support.figure_checks import clashes, drawn, legend_texts, si
+from support.figure_checks import drawn, si
 from support.friction_oracle import Rig, simulate
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.inference.step_error import StepError
-from bayesdrill.output_files import POSTERIOR
 from bayesdrill.report import style
 from bayesdrill.report.doubts import step_sentences, steps_wanted
 from bayesdrill.report.publish import drawings
 from bayesdrill.report.run_report import sections
-from bayesdrill.report.scales import DOUBLE, WIDTHS
+from bayesdrill.report.scales import DOUBLE
 from bayesdrill.report.section import as_markdown
-from bayesdrill.report.sections.fit import fit_figure
-from bayesdrill.report.sections.friction import friction_figure
 from bayesdrill.report.view import ReportContext
 
 T = 0.04 * np.arange(250)
@@ -63,15 +59,6 @@ def view() -> ReportContext:
 def figure(name: str, width: float = DOUBLE) -> Figure:
     (drawing,) = drawings(name, view()).values()
     return drawn(drawing.figure(drawing.arguments[0], width))
-
-
-def test_figures_of_friction_are_readable_in_one_and_in_two_columns() -> None:
-    def check(name: str, inches: float) -> None:
-        assert list(clashes(figure(name, inches))) == []
-        assert figure(name, inches).get_figwidth() == inches
-
-    names = ("fit", "friction")
-    for_each({f"{n}, {size}": (n, WIDTHS[size]) for size in WIDTHS for n in names}, check)
 
 
 def test_the_fit_shows_frictions_with_their_bands_and_where_they_stick() -> None:
@@ -128,15 +115,6 @@ def test_the_speeds_of_the_record_stand_below_a_law() -> None:
     np.testing.assert_allclose((heights - low) / (heights - low).max(), counts / counts.max())
 
 
-def test_a_law_without_nominal_values_is_a_line_with_its_band() -> None:
-    (drawing,) = drawings("friction", view()).values()
-    law = dataclasses.replace(drawing.arguments[0][0], nominal=None)
-    without = drawn(friction_figure([law]))
-    assert list(clashes(without)) == []
-    assert legend_texts(without) == ["MAP", "94 % posterior", "speeds of the record"]
-    assert len(without.axes[0].get_lines()) == 2
-
-
 def test_numbers_of_steps_are_said_to_be_enough_or_too_few() -> None:
     fine = StepError(label="", channels=("w_1", "alpha"), pieces=2, errors=(0.03, 0.004))
     assert step_sentences([fine]) == (
@@ -151,30 +129,3 @@ def test_numbers_of_steps_are_said_to_be_enough_or_too_few() -> None:
     assert step_sentences(()) == ""
     assert "steps: " in as_markdown("x", sections(view()))
     assert "steps: " in str(case().find_map(processes=1))
-
-
-def test_a_rig_without_friction_has_no_figures_and_no_words_of_it() -> None:
-    exact = bd.respond("motor_shaft", NOMINAL, T, {"v": 6.0}, "w_2")["w_2"]
-    noise = 0.1 * np.random.default_rng(6).standard_normal(len(T))
-    without = bd.case(
-        T,
-        channels={"w_2": bd.Channel(exact + noise, "rad/s", 0.1)},
-        inputs={"v": 6.0},
-        parameters=dict.fromkeys(NOMINAL, "nominal") | {"k_e": BOX},
-        sampler=SAMPLER,
-        seed=3,
-    )
-    plain = without.sample(processes=1)._view
-    assert drawings("friction", plain) == {}
-    assert plain.chain.friction_motions == ()
-    assert plain.analysis.step_errors == ()
-    assert "steps: " not in as_markdown("x", sections(plain))
-    (drawing,) = drawings("fit", view()).values()
-    fit = drawing.arguments[0]
-    bare = fit_figure(dataclasses.replace(fit, rubs=()))
-    assert len(bare.axes) == len(fit_figure(fit).axes) - 2
-
-
-def test_files_of_friction_and_energy_are_known_as_results() -> None:
-    names = ("friction.pdf", "friction_2.png", "energy.svg", "energy_11.pdf")
-    assert all(POSTERIOR.is_output(f"figures/{name}") for name in names)

@@ -23,7 +23,6 @@ from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.linear import Response
-from bayesdrill.rig.simulators.long_record import long_states as fast
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 
 SIGMA = 0.1
@@ -361,6 +360,7 @@ def test_a_walker_does_not_depend_on_its_neighbours(one: CompressedSimulator) ->
     together = one.squares(points)
     alone = np.concatenate([one.squares(point[None]) for point in points])
     assert np.array_equal(together, alone)
+    assert np.array_equal(one.signals(points), one.by_samples.signals(points))
 
 
 def test_functions_do_not_grow_with_the_record() -> None:
@@ -409,19 +409,3 @@ def test_speeds_of_a_free_train_do_not_depend_on_its_angle() -> None:
         assert reference is not None
         found.append(np.concatenate([shown for _, shown in reference.responses(p)]))
     assert np.abs(found[1] - found[0]).max() < 1e-9
-
-
-def test_states_in_blocks_are_those_of_single_steps() -> None:
-    rng = np.random.default_rng(18)
-    for n in (1, 7, 1024, 2500):
-        fall = 0.1 * rng.standard_normal((3, 3)).astype(np.longdouble)
-        fall -= 0.3 * np.eye(3)
-        drive, x = (
-            rng.standard_normal((n, 3)).astype(np.longdouble),
-            np.ones(3, dtype=np.longdouble),
-        )
-        states = fast(fall, drive, x)
-        for k in range(n):
-            assert np.allclose(states[k], x, rtol=1e-15, atol=1e-15)
-            x = x + fall @ x + drive[k]
-        assert np.allclose(states[n], x, rtol=1e-15, atol=1e-15)

@@ -1,8 +1,6 @@
 """The cache of machine code: what is wrong with it is never an error, and never a wrong number."""
 
 import os
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -28,8 +26,6 @@ from bayesdrill.rig.kernels.sums import LOGS, SQUARES
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.models.servo import Saturation
-from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
@@ -158,22 +154,6 @@ def test_a_place_that_cannot_be_a_folder_is_no_error(tmp_path: Path) -> None:
     assert file.read_text() == "mine"
 
 
-def test_a_full_disk_is_no_error_and_leaves_nothing(kept: CodeCache) -> None:
-    """A process that may write files of no more than half of it."""
-    script = f"""
-import resource, signal
-from pathlib import Path
-from bayesdrill.rig.kernels.cache import CodeCache
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
-cache = CodeCache(Path({str(folder_of(kept))!r}))
-cache.store("another", {CODE!r})
-assert cache.load("another") is None
-"""
-    subprocess.run([sys.executable, "-c", script], check=True)
-    assert len(kept.sizes) == 1
-
-
 def test_the_oldest_go_where_there_are_too_many(tmp_path: Path) -> None:
     """Use makes a file young."""
     few = CodeCache(tmp_path / "kernels", max_files=3)
@@ -193,15 +173,6 @@ def test_the_oldest_go_where_there_are_too_many(tmp_path: Path) -> None:
     small.store("g", CODE)
     assert len(small.sizes) == 2
     assert small.load("g") == CODE
-
-
-def test_a_clock_that_went_back_is_no_error(kept: CodeCache) -> None:
-    for when in (4e9, -1e9, 0):
-        os.utime(file_of(kept), (when, when))
-        assert kept.load(KEY) == CODE
-        os.utime(file_of(kept), (when, when))
-        kept.store(KEY, CODE)
-        assert kept.load(KEY) == CODE
 
 
 def test_files_of_others_stay_where_the_cache_is_cleared(kept: CodeCache) -> None:
@@ -255,20 +226,6 @@ def squares(folder: Path) -> np.ndarray:
     compile_kernel.cache_clear()
     with environment(**{CACHE_VARIABLE: str(folder)}):
         return Response(MotorShaft(), response("step").experiment).squares(THETA)
-
-
-def test_numbers_are_those_of_code_that_was_compiled_just_now(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("mine")
-    right = squares(tmp_path / "file")  # which cannot be a folder
-    assert np.array_equal(squares(tmp_path), right)
-    (path,) = (tmp_path / "kernels").iterdir()
-    first = path.stat().st_ino
-    assert np.array_equal(squares(tmp_path), right)
-    assert path.stat().st_ino == first  # it was read, and not written again
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 255]))
-    assert np.array_equal(squares(tmp_path), right)
-    assert path.read_bytes() == whole  # and compiled again where it is damaged
 
 
 def test_the_cache_is_shown_and_cleared_by_a_command(tmp_path: Path) -> None:
@@ -330,20 +287,6 @@ def test_kernels_have_one_text_where_they_have_one_code() -> None:
     codes = [code(write_stepping, shape) for shape in steps]
     assert len(set(texts)) == len(set(codes)) == len(steps)
     assert [rubbing(shape.model).text for shape in steps[:4]] == texts[:4]
-
-
-@run_cases("law", ["voltage", "is_linear", "moved"])
-def test_another_law_of_a_servo_is_another_text(law: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Otherwise the law of an older version would be loaded from the cache."""
-    train = Train(inertias=("arm",), drives={"arm": "servo"}, added=("limit_arm", "w_goal_arm"))
-    shape = rubbing(train, series=("goal_arm",))
-    before, former = shape.text, getattr(Saturation, law)
-
-    def other(servo: Saturation, p: Any, *numbers: Any) -> Any:
-        return former(servo, p, *numbers[:-1], 0.5 * numbers[-1])
-
-    monkeypatch.setattr(Saturation, law, other)
-    assert shape.text != before
 
 
 def test_equal_formulas_are_one_kernel_wherever_they_come_from() -> None:

@@ -2,26 +2,18 @@
 
 import ctypes
 import gc
-import weakref
 
 import numpy as np
 from llvmlite import ir
 from support.case_tables import run_cases
-from support.compiled_responses import response
-from support.scipy_oracles import NOMINAL
-from support.small_problems import vector
 
 from bayesdrill.rig.kernels.compiling import (
     PIECE,
-    compile_kernel,
     link_code,
     machine_code,
     rows_of_walkers,
 )
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.linear import write_linear
-from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.linear import Response
 
 MANY = 20
 
@@ -64,21 +56,3 @@ def test_each_walker_gets_the_row_of_its_own_lane(n: int) -> None:
     assert rows.shape == (n, size)
     for walker, row in enumerate(rows):
         assert np.array_equal(row, out[walker // LANES, :, walker % LANES])
-
-
-def test_code_lives_as_long_as_a_simulator_of_it() -> None:
-    """Once memory keeps it no more, it is freed with the last of them."""
-    theta = vector(NOMINAL)[None]
-    experiment = response("step").experiment
-    compile_kernel.cache_clear()
-    made = Response(MotorShaft(), experiment)
-    expected = made.squares(theta)
-    shape = made._structure
-    engine = weakref.ref(compile_kernel(write_linear, shape).engine)
-    assert compile_kernel.cache_info().hits == 1
-    compile_kernel.cache_clear()
-    gc.collect()
-    assert np.array_equal(made.squares(theta), expected)
-    del made
-    gc.collect()
-    assert engine() is None

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from support.case_tables import run_cases
-from support.scipy_oracles import NOMINAL, ORDER, skewed
+from support.scipy_oracles import NOMINAL, skewed
 from support.small_problems import STATES
 
 import bayesdrill as bd
 from bayesdrill.rig.models import linear
-from bayesdrill.rig.models.linear import Model, dynamics
-from bayesdrill.rig.models.motor_shaft import OFFERS, DrivenShaft, Motor, MotorShaft, TwoRotors
+from bayesdrill.rig.models.linear import dynamics
+from bayesdrill.rig.models.motor_shaft import OFFERS, MotorShaft
 from bayesdrill.rig.simulators.sensors import ObservationModel, observed_model
 
 I_M = 0.2
@@ -21,7 +21,6 @@ MORE = {
     "t_c1": 0.31, "t_s1": 0.52, "w_s1": 0.43, "v_d": 0.83, "eta": 0.87,
     "d_m": 0.013, "d_1": 0.19,
 }  # fmt: skip
-START = {"theta_1": 0.7, "theta_2": -0.4, "w_1": 1.3, "w_2": -2.1, "i": 0.6}
 PUSHES = ("v", "t_1", "friction_m", "friction_1", "drop")
 LINEAR = [(), ("c_s",), ("j_2",), ("r_s",), ("c_1",), ("c_s", "c_1"), ("c_s", "j_2", "r_s", "c_1")]
 
@@ -67,10 +66,6 @@ def parameters(added: tuple[str, ...]) -> dict[str, float]:
     return skewed() | {name: MORE[name] for name in added}
 
 
-def vector(rig: Model, p: dict[str, float]) -> np.ndarray:
-    return np.array([[p[name] for name in rig.parameters]])
-
-
 @run_cases("added", [*LINEAR, tuple(OFFERS)])
 def test_the_matrices_are_those_of_the_balances_of_the_bodies(added: tuple[str, ...]) -> None:
     p, rig = parameters(added), MotorShaft(I_M, added=added)
@@ -82,28 +77,6 @@ def test_the_matrices_are_those_of_the_balances_of_the_bodies(added: tuple[str, 
     for name in {name for _, name in linear.B}:
         own = [linear.B.get((state, name), 0.0) for state in STATES]
         assert own == pytest.approx(columns[name], rel=1e-12), name
-
-
-def test_an_inertia_and_a_resistance_more_are_those_of_the_motor() -> None:
-    """Only the sums show: what one has more, the other has less."""
-    rig, p = MotorShaft(I_M, added=("j_2", "r_s")), parameters(("j_2", "r_s"))
-    moved = p | {"j_2": p["j_2"] - 2e-3, "j_m": p["j_m"] + I_M**2 * 2e-3}
-    moved |= {"r_s": p["r_s"] - 0.13, "r_m": p["r_m"] + 0.13}
-    lumped = p | {"j_m": p["j_m"] + I_M**2 * p["j_2"], "r_m": p["r_m"] + p["r_s"]}
-    whole = dynamics(rig.linear(p), STATES, 1)[0]
-    assert dynamics(rig.linear(moved), STATES, 1)[0] == pytest.approx(whole, rel=1e-12)
-    assert dynamics(MotorShaft(I_M).linear(lumped), STATES, 1)[0] == pytest.approx(whole, rel=1e-12)
-    held = TwoRotors(I_M, p["j_2"], p["r_s"])
-    assert held.linear(skewed()) == rig.linear(p)
-    assert held.whole(skewed()) == {name: lumped[name] for name in ORDER}
-
-
-def test_what_is_not_named_has_no_entry() -> None:
-    """The nine-parameter rig has ten entries, each of which costs operations at every step."""
-    plain = MotorShaft().linear(skewed())
-    assert (len(plain.A), len(plain.B), len(plain.c)) == (10, 2, 1)
-    assert MotorShaft(stribeck=2).linear(skewed()) == plain
-    assert MotorShaft(added=("r_s",)).linear(skewed() | {"r_s": 0.0}).A.keys() == plain.A.keys()
 
 
 def test_frictions_have_the_laws_of_their_parameters() -> None:
@@ -150,19 +123,6 @@ def test_frictions_pass_through_the_sensors_of_inputs() -> None:
     for column in (("w_2", "friction_m"), ("i", "drop")):
         assert through.B[column] == plain.B[column]
     assert through.c["i"] == pytest.approx(0.3 / p["l_m"])
-
-
-def test_names_of_a_rig_and_of_its_kind() -> None:
-    """Other packages read them off the class."""
-    rig = linear.with_named(MotorShaft(0.1, 2), ["eta", "k_s", "w_s1", "c_s", "nothing"])
-    assert rig == MotorShaft(0.1, 2, ("c_s", "w_s1", "eta"))
-    assert rig.parameters == (*ORDER, "c_s", "w_s1", "eta")
-    assert MotorShaft.parameters == MotorShaft(0.1).parameters == ORDER
-    assert linear.with_named(rig, ["v_d"]).parameters == (*ORDER, "c_s", "w_s1", "v_d", "eta")
-    assert linear.with_named(TwoRotors(), ["c_s"]) == TwoRotors()
-    assert linear.missing_requirements(rig) == {"w_s1": ("t_c1", "t_s1")}
-    assert linear.constants(rig) == {"i_m": 0.1, "stribeck": 2, "added": rig.added}
-    assert linear.constants(MotorShaft()) == {"i_m": 0.125}
 
 
 # Responses: quadratic drag, and one more inertia on a spring.
@@ -224,15 +184,6 @@ def test_a_rotor_beyond_rotor_1_is_that_of_a_train() -> None:
     same = bd.respond(train, behind | far, T, {"u_m": V}, ["w_r", "w_m", "w_e"])
     for ours, theirs in zip(("w_1", "w_2", "w_0"), same, strict=True):
         np.testing.assert_allclose(moved[ours], same[theirs], atol=1e-7)
-
-
-def test_states_come_with_what_is_added() -> None:
-    plain = ("theta_1", "theta_2", "w_1", "w_2", "i")
-    assert MotorShaft.states == MotorShaft().states == plain
-    assert MotorShaft(added=("k_0", "j_0")).states == (*plain, "theta_0", "w_0")
-    assert MotorShaft(added=("k_0",)).states == plain
-    assert "theta_0" in DrivenShaft(added=("k_0", "j_0")).states
-    assert Motor().states == ("theta_2", "w_2")
 
 
 def test_a_drag_is_referred_through_the_gear() -> None:

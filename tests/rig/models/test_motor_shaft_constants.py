@@ -5,29 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.case_tables import run_cases
-from support.scipy_oracles import NOMINAL
-from support.small_problems import STATES, UnevenShaft
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.inference import derived
-from bayesdrill.rig.models.linear import Linear, Model, dynamics
-from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
+from bayesdrill.rig.models.linear import Linear, Model
+from bayesdrill.rig.models.motor_shaft import MotorShaft
 
 ROOT = Path(__file__).parents[3]
-
-
-def test_poles_of_a_rig_that_its_angles_hold_are_all_of_them() -> None:
-    """Mutant killed: a zero pole is taken out that is not there."""
-    linear = UnevenShaft().linear(NOMINAL)
-    found = derived.poles(UnevenShaft(), linear, 1)
-    every = np.linalg.eigvals(dynamics(linear, STATES, 1)[0])
-    pairs = every[every.imag > 0]
-    least = pairs[np.argmin(-pairs.real / abs(pairs))]
-    assert found["omega_n"][0] == pytest.approx(abs(least), rel=1e-9)
-    assert found["zeta"][0] == pytest.approx(-least.real / abs(least), rel=1e-6)
-    assert found["tau_e"][0] == pytest.approx(-1 / every.real.min(), rel=1e-9)
-    assert np.isnan(found["tau_m"][0])  # the motor's speed has no pole of its own here
 
 
 def test_a_rig_that_never_settles_has_no_end_values() -> None:
@@ -46,18 +31,6 @@ def load(tmp_path: Path, model: str) -> Model:
     path = tmp_path / "config.yaml"
     path.write_text(text.replace(old, f"model: {model}\n"))
     return loading.load(path).model
-
-
-@run_cases(
-    "text, model",
-    [
-        ("{}", MotorShaft(0.125)),
-        ("{name: two_rotors, i_m: 0.2, j_2: 7.0e-3}", TwoRotors(0.2, 7.0e-3, 0.0)),
-        ("{name: two_rotors, r_s: 0.2, j_2: 0}", TwoRotors(0.125, 0.0, 0.2)),
-    ],
-)
-def test_a_config_gives_a_model_its_constants(text: str, model: Model, tmp_path: Path) -> None:
-    assert load(tmp_path, text) == model
 
 
 @run_cases(

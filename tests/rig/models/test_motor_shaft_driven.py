@@ -1,13 +1,11 @@
 """A shaft that is moved from above: against SciPy's solver on equations typed in here."""
 
-import dataclasses
 import itertools
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from support.case_tables import run_cases
 from support.small_problems import experiment
 
 from bayesdrill.record import anomalies
@@ -109,20 +107,6 @@ def test_an_angle_straight_between_samples_is_a_speed_that_is_held() -> None:
     assert found[:, 1] == pytest.approx(angle, rel=1e-12)
 
 
-@run_cases("lag", [-0.0373, 0.0211])
-def test_a_torque_that_the_record_shows_late_acts_when_it_did(lag: float) -> None:
-    """Mutant killed: the sign of an input's lag turned."""
-    early = solved(lambda s, _: (np.interp(s, T, SPEED), np.interp(s - lag, T, LOAD)))
-    rig, theta = shaft()
-    one = measured(first_order=True, w_2=SPEED, t_1=LOAD)
-    own = simulator(rig, one, ObservationModel(input_lags={"t_1": "lag_t_1"}))
-    assert own.parameters[-1] == "lag_t_1"
-    found = own.signals(np.append(theta, [[lag]], axis=1))[0]
-    assert found == pytest.approx(both(early), abs=0.02)  # bends within a step are cut
-    plain = simulator(rig, one, ObservationModel()).signals(theta)[0]
-    assert np.abs(plain - found).max() > 1.0
-
-
 def test_rock_holds_the_bit_as_its_law_and_the_weight_say() -> None:
     """Mutants killed: the weight left out, the law of the size without the sign of the speed."""
 
@@ -146,27 +130,6 @@ def test_rock_holds_the_bit_as_its_law_and_the_weight_say() -> None:
     assert apart[0] > 3 * apart[1] > 9 * apart[2]
 
 
-def test_dry_friction_and_rock_add_up() -> None:
-    """With the size of both at any speed; at rest, that of the dry one alone."""
-    rig, _ = shaft(**ROCK, t_c1=0.3, t_s1=0.5, w_s1=0.7)
-    (one,) = rig.frictions
-    assert (one.name, one.against, one.holds) == ("friction_1", "w_1", "theta_1")
-    values = ROCK | {"t_c1": 0.3, "t_s1": 0.5, "w_s1": 0.7}
-    assert one.law.size(values, 0.0, {"wob": 500.0}) == pytest.approx(0.5)
-    at_2 = 0.3 + 0.2 * np.exp(-2.0 / 0.7)
-    at_2 += 500.0 * 2.1e-3 * (np.tanh(3.4) + 11.0 / (1 + 4 * 3.9))
-    assert one.law.size(values, 2.0, {"wob": 500.0}) == pytest.approx(at_2)
-
-
 def test_a_driven_shaft_without_rock_has_no_input_of_weight() -> None:
     assert shaft()[0].inputs == ("w_2", "t_1")
     assert DrivenShaft().parameters == ("k_s", "j_1")
-
-
-def test_a_steady_start_is_twisted_by_the_load_and_turns_with_the_top() -> None:
-    rig, theta = shaft()
-    one = measured(w_2=SPEED, t_1=LOAD)
-    one = dataclasses.replace(one, start={"theta_2": 0.12})
-    first = simulator(rig, one, ObservationModel(steady=True)).signals(theta)[0, 0]
-    twist = -(LOAD[0] + P["c_1"] * SPEED[0]) / P["k_s"]
-    assert first == pytest.approx([0.12 + twist, 0.12, SPEED[0], twist], rel=1e-9)

@@ -1,16 +1,13 @@
 """A motor alone: against closed forms and matrix exponentials typed in here, and the paper's rig."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment
 
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.models.linear import dynamics, missing_requirements, with_named
+from bayesdrill.rig.models.linear import dynamics, with_named
 from bayesdrill.rig.models.motor_shaft import Motor, MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
@@ -89,33 +86,3 @@ def test_the_motor_is_the_papers_rig_without_shaft_and_rotor() -> None:
         )
         assert linear.c == paper.c
     assert dict(alone.linear(NOMINAL).B) == {("i", "v"): whole.linear(NOMINAL).B["i", "v"]}
-
-
-def test_dry_friction_holds_the_motor_until_the_torque_is_larger() -> None:
-    """It stands, breaks loose, and comes to rest again: SciPy between the events, which are known."""
-    rig, theta = motor(j_m=1.4e-4, c_m=9.3e-5, t_cm=0.04)
-    torque = np.where(T < 1.0, 0.03, np.where(T < 2.5, 0.06, 0.0))
-    one = driven(rig, t_m=torque)
-    one = dataclasses.replace(one, start={})
-    found = simulator(rig, one, ObservationModel(), 8).signals(theta)[0]
-    assert (found[T <= 1.0] == 0.0).all()
-    loose = (T > 1.0) & (T <= 2.5)
-    at = (T[loose] - 1.0)[:, None]
-    end = (0.06 - 0.04) / 9.3e-5
-    assert found[loose, 1:] == pytest.approx(end * (1 - np.exp(-at * 9.3e-5 / 1.4e-4)), rel=1e-9)
-    top = found[T == 2.5, 1][0]
-
-    def brakes(_: float, w: np.ndarray) -> np.ndarray:
-        return (-9.3e-5 * w - 0.04) / 1.4e-4
-
-    stop = solve_ivp(brakes, (0, 5), [top], events=lambda _, w: w[0], rtol=1e-10).t_events[0][0]
-    assert (found[2.5 + stop + DT < T, 1] == 0.0).all()
-    assert (found[(T > 2.5) & (2.5 + stop - DT > T), 1] > 0.0).all()
-
-
-def test_a_motor_with_half_a_circuit_asks_for_the_rest() -> None:
-    rig = with_named(Motor(), ("k_e", "r_m", "v_d"))
-    assert rig.inputs == ("t_m",)
-    assert missing_requirements(rig) == {
-        "k_e": ("k_T", "l_m"), "r_m": ("k_T", "l_m"), "v_d": ("k_T", "l_m")
-    }  # fmt: skip

@@ -9,7 +9,6 @@ from support.train_oracle import Oracle, springs
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.experiment import Channel, Experiment
-from bayesdrill.rig.models.linear import with_all
 from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
@@ -123,26 +122,6 @@ def test_friction_behind_gears_moves_the_train_as_in_the_oracle():
     assert errors[1] < errors[0]
 
 
-def test_friction_of_masses_on_a_line_is_that_of_the_oracle():
-    names = ("d_0", "d_1", "d_2")
-    train = Train(
-        inertias=names, shafts={"s_0": names[:2], "s_1": names[1:]}, drives={"d_0": "torque"},
-        added=("c_s_0", "c_s_1", "f_c_d_0", "f_c_d_2", "c_d_1"), motion="linear",
-    )  # fmt: skip
-    assert compare(train, np.eye(3), pieces=32, size=8.0) < 2e-4
-
-
-def test_the_error_of_a_pendulum_falls_as_the_square_of_the_step():
-    train = Train(
-        inertias=("motor", "arm"), shafts={"coupling": ("motor", "arm")},
-        drives={"motor": "torque"}, gravity=("arm",), added=("a_arm", "c_arm", "c_coupling"),
-    )  # fmt: skip
-    errors = [compare(train, np.eye(2), pieces=pieces, size=0.05) for pieces in (4, 8, 16)]
-    assert errors[2] < 1e-4
-    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.2)
-    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.2)
-
-
 def test_a_gear_loses_of_the_weight_behind_it():
     """Believes an integration of an arm that is turned over without ever stopping."""
     gears = {"box": {"between": ("motor", "arm"), "ratio": 0.5}}
@@ -192,21 +171,6 @@ def test_a_gear_that_passes_nothing_on_has_no_efficiency():
     assert "eta_box" not in Train(inertias=("motor", "arm"), gears=gears).offers
     assert "eta_box" not in Train(inertias=("motor", "arm"), gears=gears, gravity=("motor",)).offers
     assert "eta_box" in Train(inertias=("motor", "arm"), gears=gears, gravity=("arm",)).offers
-
-
-def test_names_and_units_follow_the_motion_and_the_drives():
-    train = with_all(Train(inertias=("cart",), drives={"cart": "voltage"}, motion="linear"))
-    assert train.parameters[:3] == ("m_cart", "k_F_cart", "r_cart")
-    assert train.states == ("x_cart", "v_cart", "i_cart")
-    assert train.symbols["x_cart"].unit == "m"
-    assert train.symbols["f_c_cart"].unit == "N"
-    assert train.angles == ("x_cart",)
-    imposed = Train(
-        inertias=("top", "bit"), shafts={"pipe": ("top", "bit")}, drives={"top": "speed"}
-    )
-    assert imposed.parameters == ("j_bit", "k_pipe")
-    assert dict(imposed.imposed) == {"w_top": "theta_top"}
-    assert imposed.states == ("theta_top", "theta_bit", "w_bit")
 
 
 @pytest.mark.parametrize(

@@ -253,19 +253,6 @@ def test_one_gain_serves_a_rig_whose_angle_is_held(
     assert_one_gain_is_enough(found, told()[0], SIGMAS[None, : len(measures)], 4, 1e-8)
 
 
-def test_a_walker_whose_numbers_overflow_spoils_no_other() -> None:
-    one = experiment(50, 0.02, measures=MEASURES)
-    found, _, _ = made("motor", "3/2", one)
-    rows, sigmas = told(5)
-    rows[2, 7] = 1e-300
-    seen = Response(MotorShaft(), one)
-    with np.errstate(all="ignore"):
-        values = found.log_density(rows, sigmas, seen.record)
-    assert np.isnan(values[2]).any()
-    assert np.isfinite(values[[0, 1, 3, 4]]).all()
-    assert (values[0] == values[4]).all()
-
-
 def test_a_shaft_that_is_driven_has_no_motor_to_push() -> None:
     rig, p = DrivenShaft(), {"k_s": 1.0, "j_1": 2.0}
     assert torque_gain(rig, MissingTorque(at="rotor_1"), p, rig.linear(p)) == 0.5

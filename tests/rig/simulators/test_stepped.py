@@ -1,19 +1,14 @@
 """Rigs that rub, in steps: against the oracle in `friction_oracle`, and laws that no step may break."""
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.case_tables import for_each, run_cases
 from support.friction_cases import CASES, moved
 from support.friction_oracle import RUBS
-from support.scipy_oracles import NOMINAL
-from support.small_problems import experiment, vector
 from support.stepped_friction import experiment_of, model_of, parameters, states, stepped
 
-from bayesdrill.rig.models.friction import Friction
-from bayesdrill.rig.models.linear import Linear, WrappedModel
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS
 from bayesdrill.rig.simulators.linear import Response
@@ -32,43 +27,6 @@ GROUPS = [
 def off(name: str, pieces: int) -> np.ndarray:
     """The largest distance from the oracle `(5,)`."""
     return np.asarray(np.abs(states(CASES[name], pieces) - moved(name).states).max(axis=0))
-
-
-def test_a_step_to_a_sample_is_enough_for_friction_of_a_constant_size() -> None:
-    """Of a noise of 0.1 rad/s; mutant killed: friction of one sign in a step in which it changes."""
-    assert off("sine", 1)[W_1] < 5e-4
-    assert off("reversing", 1)[W_1] < 2e-4
-
-
-@dataclass(frozen=True)
-class Fading:
-    """A law with all that a law needs, and no more."""
-
-    parameters = ("t_c1", "w_s1")
-    seen = ()
-    steady = False
-
-    def size(self, p: Any, speed: Any, seen: Any) -> Any:
-        return p["t_c1"] / (1.0 + speed / p["w_s1"])
-
-
-@dataclass(frozen=True)
-class Braked(WrappedModel):
-    parameters = (*MotorShaft.parameters, "t_c1", "w_s1")
-    frictions = (Friction(name="brake", against="w_1", law=Fading(), holds="theta_1"),)
-
-    def linear(self, p: Any) -> Linear:
-        plain = self.rig.linear(p)
-        return replace(plain, B={**plain.B, ("w_1", "brake"): -1.0 / p["j_1"]})
-
-
-def test_a_law_needs_no_limit_of_its_size_for_substeps() -> None:
-    """There were several steps to a sample only where it did."""
-    one = experiment(80, 0.01, constant={"t_1": 0.0}, series={"v": 6.0 * np.sin(np.arange(80) / 9)})
-    full = np.array([[*vector(NOMINAL), 0.2, 3.0]])
-    rigs = [Stepped(Braked(MotorShaft()), one, ObservationModel(), pieces) for pieces in (2, 4, 32)]
-    half, quarter, fine = (rig.signals(full)[0] for rig in rigs)
-    assert np.abs(quarter - fine).max() < 0.5 * np.abs(half - fine).max() < 1e-2
 
 
 def test_a_step_in_which_a_speed_reverses_is_divided() -> None:

@@ -48,60 +48,6 @@ def test_a_rotor_coasts_until_it_sticks(viscous: float, sign: int) -> None:
     assert taken == pytest.approx(0.5 * j * w_0**2, rel=1e-9)
 
 
-def test_a_motor_coasts_by_the_torque_at_its_own_side() -> None:
-    """w_2 = i_m w_3, j_m w_3' = -T; Stribeck's law takes as long as the sum of dw / T(w)."""
-    i_m, w_0 = 1 / 5, 20.0  # of the motor
-    law = {"t_cm": 0.011, "t_sm": 0.029, "w_sm": 8.0}
-    t = np.linspace(0.0, 1.0, 41)
-    start = {"w_2": i_m * w_0}
-    found = simulate(Rig(p={**FREE, **law}, i_m=i_m), t[[0, -1]], AT_REST, at=t, start=start)
-    w, step = np.linspace(0.0, w_0, 200_001, retstep=True)
-    torque = 0.011 + 0.018 * np.exp(-w / 8.0)
-    slowness = NOMINAL["j_m"] / torque
-    until = np.concatenate([[0.0], np.cumsum(0.5 * (slowness[1:] + slowness[:-1]))]) * step
-    left = np.clip(until[-1] - t, 0.0, None)
-    assert 0.3 < until[-1] < 0.9
-    assert found.of("w_2") == pytest.approx(i_m * np.interp(left, until, w), rel=1e-7, abs=1e-9)
-    assert (found.stuck[:, 0] == (t > until[-1])).all()
-
-
-def test_a_wound_rotor_swings_until_it_sticks() -> None:
-    """Each half swing about one of +-T/k, so that amplitudes fall by 2 T/k; it ends where T holds it."""
-    k, torque, begin = NOMINAL["k_s"], 0.11, 2.0
-    omega, centre = math.sqrt(k / NOMINAL["j_1"]), torque / NOMINAL["k_s"]
-    p = {**NOMINAL, "t_f": 0.0, "t_cm": 50.0, "t_c1": torque}
-    t = np.linspace(0.0, 5.0, 61)
-    found = simulate(Rig(p=p), t[[0, -1]], AT_REST, at=t, start={"theta_1": begin})
-    half = np.floor(t * omega / math.pi)
-    last = math.ceil((begin - centre) / (2 * centre))
-    half = np.minimum(half, last)
-    sign = np.where(half % 2 == 0, 1.0, -1.0)
-    amplitude = begin - (2 * half + 1) * centre
-    ends = sign * (begin - 2 * half * centre)
-    angle = np.where(half < last, amplitude * np.cos(omega * t) + sign * centre, ends)
-    assert last == 2
-    assert found.of("theta_1") == pytest.approx(angle, rel=1e-9, abs=1e-9)
-    assert (found.stuck[:, 1] == (t > last * math.pi / omega))[1:].all()
-    assert found.stuck[:, 0].all()
-    assert not found.of("theta_2").any()
-    rest = found.efforts[-1]
-    assert rest[1] == pytest.approx(-k * found.of("theta_1")[-1])
-    assert rest[0] == pytest.approx(k / 8 * found.of("theta_1")[-1])
-
-
-def test_a_motor_is_let_go_when_its_current_is_enough() -> None:
-    """k_T v/r (1 - exp(-r t/l)) = T at rest; then less: the torque falls to the sliding one."""
-    p = {**NOMINAL, "t_f": 0.0, "t_cm": 0.2, "t_sm": 0.45, "w_sm": 0.01}
-    v, r, l_m = 2.0, NOMINAL["r_m"], NOMINAL["l_m"]
-    when = -l_m / r * math.log(1 - 0.45 * r / (NOMINAL["k_T"] * v))
-    t = np.array([0.0, when - 1e-8, when + 1e-8, when + 1e-3])
-    found = simulate(Rig(p=p), t[[0, -1]], np.full(2, v), at=t)
-    assert found.stuck[:, 0].tolist() == [True, True, False, False]
-    assert found.efforts[2, 0] == pytest.approx(0.45, rel=1e-4)
-    assert found.efforts[3, 0] == pytest.approx(0.2, rel=1e-6)
-    assert found.of("w_2")[3] > 0.0
-
-
 def test_a_drop_of_the_voltage_stops_a_current() -> None:
     """Of a blocked motor: to (v - v_d)/r; without a voltage back to zero, and no further."""
     r, l_m, drop = NOMINAL["r_m"], NOMINAL["l_m"], 0.7

@@ -79,20 +79,6 @@ def test_a_direction_along_which_nothing_changes_anywhere_is_flat() -> None:
         assert directions.shape == (len(bent.middle), 0)
 
 
-def test_tight_directions_are_those_that_the_record_determines() -> None:
-    """Against the covariance of the hump itself, in units of the priors' spreads."""
-    surface = humps(5, (1.0,), (1.0,), 0.0)
-    here = surface.quadratic_model(surface.means, np.eye(5))
-    base, information = ridge_tracing.split_directions(surface, surface.means[0], here)
-    whitened = surface.roots[0] / surface.spread[:, None]
-    expected = np.sort(1.0 / np.linalg.svd(whitened, compute_uv=False) ** 2)
-    loose = expected < ridge_tracing.TIGHT_RATIO
-    assert base.loose.shape[1] == loose.sum() == 3
-    assert information == pytest.approx(expected[loose])
-    points = surface.means + surface.roots[0].T
-    assert base.join(*base.split(points)) == pytest.approx(points)
-
-
 def test_an_unknown_that_its_wall_holds_back_is_loose() -> None:
     """Its maximum lies beyond the end of its prior, where a ridge would lead out of the box."""
     surface = humps(2, (1.0,), (1.0,), 0.0)

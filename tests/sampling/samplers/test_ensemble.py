@@ -40,26 +40,6 @@ def test_the_chain_does_not_depend_on_how_it_is_cut() -> None:
     assert np.array_equal(first.accepted + second.accepted, whole.accepted)
 
 
-def test_the_global_random_state_is_left_alone() -> None:
-    before = np.random.get_state()[1].copy()  # noqa: NPY002
-    walk(10)
-    assert np.array_equal(np.random.get_state()[1], before)  # noqa: NPY002
-
-
-def test_densities_are_those_of_the_stored_points() -> None:
-    segment = walk(17)
-    assert segment.z.shape == (17, 20, 3)
-    log_p = WILD.log_density(segment.z.reshape(-1, 3)).reshape(17, 20)
-    assert np.allclose(segment.log_p, log_p)
-    assert np.array_equal(segment.z[-1], segment.state.z)
-
-
-def test_failures_are_counted_though_never_accepted() -> None:
-    segment = walk(200)
-    assert segment.failures > 0
-    assert np.isfinite(segment.log_p).all()
-
-
 def test_random_streams_differ_by_purpose_and_index() -> None:
     draws = {
         tuple(seeds.stream(3, purpose, index).random(3))

@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import scipy.stats
-from support.handmade_proposals import advance_draws, over, rough
+from support.handmade_proposals import advance_draws, rough
 from support.known_targets import TARGETS
 
 from bayesdrill.sampling.samplers.ensemble import State, advance, always_inside
@@ -119,16 +119,3 @@ def test_a_fitted_mixture_fills_what_the_prior_cuts_off() -> None:
     fitted = fit_mixture(start, draws, equal, inside, 25, np.random.RandomState(1))
     u, log_q = Proposal(fitted, 0.3, 0.0).draw(10_000, inside, np.random.RandomState(2))
     assert WeightedDraws(u, -log_q, np.zeros(len(u))).acceptance > 0.65
-
-
-def test_a_widened_mixture_has_equal_shares_of_its_ridges() -> None:
-    """Ensembles start from it: learnt shares, and guessed ones, are not kept."""
-    learnt = over(TWO_MODES, 3, 2)
-    wide = learnt.with_width(1.5)
-    ridge = wide.sheets[0]
-    drawn = wide.draw(20_000, np.random.RandomState(5)).u
-    assert TWO_MODES.mode(drawn).mean() == pytest.approx(0.5, abs=0.02)
-    widened, _ = ridge.to_ridge_coordinates(drawn[TWO_MODES.mode(drawn) == 0])
-    plain, _ = ridge.to_ridge_coordinates(learnt.draw(20_000, np.random.RandomState(6)).u)
-    plain = plain[TWO_MODES.mode(ridge.from_ridge_coordinates(plain)[0]) == 0]
-    assert widened.std(axis=0) == pytest.approx(1.5 * plain.std(axis=0), rel=0.1)
