@@ -13,7 +13,6 @@ from bayesdrill.campaigns.records import overridden
 from bayesdrill.campaigns.runs import natural_key, read_plan
 
 DAY = 86400.0
-HEAD = "file,name,time,temperature"
 
 
 def names(path: Path) -> list[str]:
