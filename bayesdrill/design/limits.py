@@ -125,7 +125,7 @@ def parse_limits(
         try:
             low, high = float(first or -math.inf), float(last or math.inf)
             if not colon or not low < high or not (math.isfinite(low) or math.isfinite(high)):
-                raise ValueError(f"give two ends, the lower first, such as {name or 'w_2'}=0:20")
+                raise ValueError(f"give two ends, the lower first, such as {name or 'SUM'}=0:20")
             inner = _INTEGRAL.fullmatch(name)
             formula = expression(inner[1] if inner else name, [*states, *inputs, *parameters])
             if not {*states} & {*formula.names}:
@@ -135,7 +135,7 @@ def parse_limits(
             )
             moving = [each for each in formula.names if each in (*states, *inputs)]
             if inner and not limit.is_quadratic(moving):
-                raise ValueError("integrate a power such as v*i or r_m*i**2, of degree two")
+                raise ValueError("integrate a power, of degree two in states and inputs")
             limits.append(limit)
         except ValueError as error:
             shown = str(error)
