@@ -115,9 +115,9 @@ def shortened(text: str, most: int = MAX_VALUE_LETTERS) -> str:
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
-def count_noun(n: int, one: str, several: str = "") -> str:
+def count_noun(n: int, singular: str, plural: str = "") -> str:
     """Return a count with its noun, and a verb if both are given: `1 sample`, `2 samples are`."""
-    return f"{n} {one}" if n == 1 else f"{n} {several or one + 's'}"
+    return f"{n} {singular}" if n == 1 else f"{n} {plural or singular + 's'}"
 
 
 class Stopped(KeyboardInterrupt):

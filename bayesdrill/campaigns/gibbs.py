@@ -28,7 +28,7 @@ LEAST_STEP, MOST_STEP = 0.05, 2.0  # of logarithms of spreads, whatever is known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class State:
+class GibbsState:
     """A chain has this state; `root` times its transpose is the inverse of Sigma, and so `rig_root`.
 
     `scales (K,)` are the auxiliary numbers of the prior of the sds, and `design (R, p)` has no gaps.
@@ -57,7 +57,7 @@ def log_t(squares: Array, nu: Array | float, n_products: int) -> Array:
     return np.asarray(norm - half * np.log1p(squares / nu))
 
 
-def start(data: RunArrays, spread_scale: float, rng: np.random.Generator) -> State:
+def start(data: RunArrays, spread_scale: float, rng: np.random.Generator) -> GibbsState:
     """Start a chain at the runs' means, with standard deviations off by a random factor."""
     means = data.mean
     n_runs, n_products = means.shape
@@ -70,7 +70,7 @@ def start(data: RunArrays, spread_scale: float, rng: np.random.Generator) -> Sta
     else:
         levels += middle
     scales = np.full(n_products, spread_scale**-2.0)
-    return State(
+    return GibbsState(
         slopes=slopes,
         levels=levels,
         mean=middle,
@@ -83,7 +83,9 @@ def start(data: RunArrays, spread_scale: float, rng: np.random.Generator) -> Sta
     )
 
 
-def sweep(data: RunArrays, state: State, spread_scale: float, rng: np.random.Generator) -> State:
+def sweep(
+    data: RunArrays, state: GibbsState, spread_scale: float, rng: np.random.Generator
+) -> GibbsState:
     """Update all that is unknown once."""
     chosen, _ = choose(data, state, rng)
     state = _update_coefficients(data, state, chosen, rng)
@@ -129,7 +131,7 @@ class Chosen:
         return np.asarray(centres + (self.axes @ moved[..., None])[..., 0] @ covariance)
 
 
-def choose(data: RunArrays, state: State, rng: np.random.Generator) -> tuple[Chosen, Array]:
+def choose(data: RunArrays, state: GibbsState, rng: np.random.Generator) -> tuple[Chosen, Array]:
     """Choose a component and a precision for each run, given the population.
 
     Returns them, and the log likelihood `(R,)` of the population by each run.
@@ -160,8 +162,8 @@ def choose(data: RunArrays, state: State, rng: np.random.Generator) -> tuple[Cho
 
 
 def _rescale(
-    data: RunArrays, state: State, z: Array, spread_scale: float, rng: np.random.Generator
-) -> tuple[State, Array]:
+    data: RunArrays, state: GibbsState, z: Array, spread_scale: float, rng: np.random.Generator
+) -> tuple[GibbsState, Array]:
     """Stretch the spread and all runs along each product in turn, by Metropolis steps.
 
     The other updates change spreads little while the runs are fixed, and the runs little while the
@@ -220,8 +222,8 @@ def _precisions(nu: float) -> tuple[Array, Array]:
 
 
 def _impute(
-    data: RunArrays, state: State, z: Array, weights: Array, rng: np.random.Generator
-) -> State:
+    data: RunArrays, state: GibbsState, z: Array, weights: Array, rng: np.random.Generator
+) -> GibbsState:
     """Draw the covariates that were not noted from their conditional normal distributions."""
     missing = np.isnan(data.design)
     if not missing.any():
@@ -238,8 +240,8 @@ def _impute(
 
 
 def _update_coefficients(
-    data: RunArrays, state: State, chosen: Chosen, rng: np.random.Generator
-) -> State:
+    data: RunArrays, state: GibbsState, chosen: Chosen, rng: np.random.Generator
+) -> GibbsState:
     """Draw the coefficients and then the levels of several rigs, which are normal given all but z."""
     slopes, levels, x = state.slopes, state.levels, state.design
     inverse = state.root @ state.root.T
@@ -268,7 +270,7 @@ def _normal(precision: Array, moment: Array, rng: np.random.Generator) -> Array:
     return np.asarray(np.linalg.solve(np.swapaxes(root, -1, -2), half)[..., 0])
 
 
-def _update_rigs(state: State, spread_scale: float, rng: np.random.Generator) -> State:
+def _update_rigs(state: GibbsState, spread_scale: float, rng: np.random.Generator) -> GibbsState:
     """Draw the mean of the rigs and their covariance, given their levels."""
     (n_rigs, n_products), levels = state.levels.shape, state.levels
     mean, rig_root, scales = state.mean, state.rig_root, state.rig_scales

@@ -64,11 +64,11 @@ def describe(run: InterimDraws) -> RunMixture:
     size = (n_products + 1) * (n_products + 2) / 2  # numbers of a component
     best, least = _fitted(z, weights, 1)[0], np.inf
     for components in range(1, min(MAX_COMPONENTS, int(count / size)) + 1):
-        found, mean_log = _fitted(z, weights, components)
+        fitted, mean_log = _fitted(z, weights, components)
         bic = components * size * np.log(count) - 2 * count * mean_log
         if bic >= least:
             break
-        best, least = found, bic
+        best, least = fitted, bic
     chance = CRITICAL / np.sqrt(effective_count(weights))
     directions = np.concatenate([np.eye(n_products), root / np.sqrt(np.diag(covariance))[:, None]])
     roots = root @ best.roots
@@ -86,23 +86,23 @@ def _fitted(z: Array, weights: Array, components: int) -> tuple[Mixture, float]:
     """Fit a mixture to standardised draws `z (S, K)`; return it with its mean log density."""
     unit, nothing = np.eye(z.shape[1]), np.zeros((1, len(z)))
     centres = scipy.cluster.vq.kmeans2(z, components, minit="++", rng=components)[0]
-    found = mixture((), [0] * components, np.ones(components), centres, [unit] * components)
+    fitted = mixture((), [0] * components, np.ones(components), centres, [unit] * components)
     before = -np.inf
     for _ in range(ITERATIONS):
-        found = improved(found, z[None], nothing, weights, [VARIANCE_FLOOR * unit])
-        mean_log = float(weights @ found.log_density_at(z[None], nothing))
+        fitted = improved(fitted, z[None], nothing, weights, [VARIANCE_FLOOR * unit])
+        mean_log = float(weights @ fitted.log_density_at(z[None], nothing))
         if mean_log - before < TOLERANCE:
             break
         before = mean_log
-    return found, mean_log
+    return fitted, mean_log
 
 
-def _difference(z: Array, weights: Array, found: Mixture, direction: Array) -> float:
+def _difference(z: Array, weights: Array, fitted: Mixture, direction: Array) -> float:
     """Return the largest difference of distribution functions along a direction."""
     x = z @ direction
     order = np.argsort(x)
-    sds = np.sqrt(((direction @ found.roots) ** 2).sum(axis=1))
-    cdf = scipy.special.ndtr((x[order, None] - found.means @ direction) / sds) @ found.weights
+    sds = np.sqrt(((direction @ fitted.roots) ** 2).sum(axis=1))
+    cdf = scipy.special.ndtr((x[order, None] - fitted.means @ direction) / sds) @ fitted.weights
     above = np.cumsum(weights[order])
     return float(max(np.abs(above - cdf).max(), np.abs(above - weights[order] - cdf).max()))
 

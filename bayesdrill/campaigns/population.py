@@ -20,7 +20,7 @@ import scipy
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.campaigns.gibbs import State, choose, start, sweep
+from bayesdrill.campaigns.gibbs import GibbsState, choose, start, sweep
 from bayesdrill.campaigns.mixture import RunArrays
 from bayesdrill.sampling.convergence import Convergence, Targets, assess, chain_length
 
@@ -84,7 +84,7 @@ def sample_population(
     streams = rng.spawn(n_chains)
     states = [start(data, spread_scale, stream) for stream in streams]
     traces: list[list[Array]] = [[] for _ in states]
-    kept: list[list[State]] = [[] for _ in states]
+    kept: list[list[GibbsState]] = [[] for _ in states]
     stride, wanted, names = 1, FIRST_CHECK, _trace_names(data, products)
     report.update(0.0, "sampling the population")
     while True:
@@ -114,7 +114,7 @@ def sample_population(
 
 def _population_draws(
     data: RunArrays,
-    states: list[State],
+    states: list[GibbsState],
     checked: Convergence,
     rng: np.random.Generator,
 ) -> PopulationDraws:
@@ -152,7 +152,7 @@ def _population_draws(
     )
 
 
-def _trace(data: RunArrays, state: State) -> Array:
+def _trace(data: RunArrays, state: GibbsState) -> Array:
     """Return what convergence is judged by: levels, coefficients, log sds, correlations, log nu."""
     parts = [state.slopes.ravel()]
     roots = [state.root] if data.n_rigs == 1 else [state.root, state.rig_root]

@@ -39,10 +39,10 @@ def variant_sds(
         spread = covariance.covariances(information(posterior, known.draws))
         return geometric_mean(np.sqrt(spread.diagonal(axis1=1, axis2=2)))
 
-    own, out = gaussian(coming.posterior(*batch)), {}
+    usual_sds, out = gaussian(coming.posterior(*batch)), {}
     for name, make in _variants(recorded, coming, batch):
         with suppress(ValueError):  # noise that needs every sample
-            out[name] = tuple((sds * gaussian(make()) / own).tolist())
+            out[name] = tuple((sds * gaussian(make()) / usual_sds).tolist())
     return out
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
@@ -31,6 +32,7 @@ Array = NDArray[np.float64]
 T = np.arange(24_001) / 500.0
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 SAMPLED = 6001  # samples of records that are sampled exactly too
+RHO = 0.8
 LEVEL = {"prior": "log_uniform", "low": 0.01, "high": 1.0}
 
 
@@ -201,3 +203,25 @@ def test_a_resumed_run_has_the_same_basis_functions() -> None:
             assert isinstance(response, CompressedSimulator)
             triangles.append(response.compression.record.matrix)
     assert np.array_equal(*triangles)
+
+
+@cache
+def coloured(likelihood: str) -> bd.Run:
+    """A run of a record in which the noise of one channel is autoregressive."""
+    t, v, w, rng = speeds(4201, 6)
+    noise = 0.1 * rng.standard_normal(w.shape)
+    noise[1] = lfilter([np.sqrt(1.0 - RHO**2)], [1.0, -RHO], noise[1])
+    free = ("k_e", "r_m", "k_s")
+    return case_of(t, v, w + noise, free, likelihood, noise="ar1").sample(processes=1)
+
+
+def test_autoregressive_noise_is_compressed_too() -> None:
+    compressed, exact = coloured("compressed"), coloured("exact")
+    assert difference(compressed, exact) < 0.15
+    rows = {row.name: row for row in compressed.analysis.unknowns}
+    for name, true in (("rho_w_2", RHO), ("k_s", NOMINAL["k_s"])):
+        assert abs(rows[name].mean - true) < 4.0 * rows[name].sd, name
+    check = compressed.sampled.compression
+    assert check is not None
+    assert check.difference < 1e-6
+    assert exact.sampled.compression is None

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pytest
 from support import command_line
 from support.command_line import CommandResult, cli
 
@@ -79,8 +78,8 @@ class Finished:
 
 
 @functools.cache
-def finished(places: pytest.TempPathFactory) -> Finished:
-    """Return a finished campaign of four runs, which is not to be changed."""
-    path = campaign(places.mktemp("campaign"), text=QUICK)
+def finished(base: Path) -> Finished:
+    """Return a finished campaign of four runs in the folder `base`; it is not to be changed."""
+    path = campaign(base / "finished_campaign", text=QUICK)
     folder = path.parent / "out"
     return Finished(path, folder, cli("campaign", path, "-o", folder, "--processes", "1"))

@@ -29,7 +29,7 @@ FILES = {*PAGES, ".lock", "run.json", "reference.json", "campaign.yaml", "draws"
 @pytest.fixture
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
     """A finished campaign, not to be changed."""
-    return campaigns.finished(tmp_path_factory)
+    return campaigns.finished(tmp_path_factory.getbasetemp())
 
 
 def finished_text(campaign: Finished) -> str:

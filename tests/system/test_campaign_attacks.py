@@ -125,7 +125,7 @@ SPOIL: dict[str, Callable[[Path, Patch], None]] = {
 
 @pytest.fixture
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    return campaigns.finished(tmp_path_factory)
+    return campaigns.finished(tmp_path_factory.getbasetemp())
 
 
 def prepare(folder: Path, case: dict[str, Any], finished: Finished) -> None:

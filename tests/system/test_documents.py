@@ -120,7 +120,7 @@ def test_every_script_runs(tree: Path) -> None:
 def test_every_script_and_notebook_is_python() -> None:
     for path in DOCUMENTS:
         compile(script(path), path.name, "exec")
-    assert len(NOTEBOOKS) == 7
+    assert len(NOTEBOOKS) == 8
     for path in NOTEBOOKS:
         compile(cells(path), path.name, "exec")
         assert re.search(r"assert \w+(\.\w+)*\.converged\n", cells(path)), path.name
@@ -400,3 +400,26 @@ def test_the_readme_is_short_and_the_glossary_in_order() -> None:
     terms = re.findall(r"^## (.*)$", (DOCS / "glossary.md").read_text(), re.MULTILINE)
     assert terms == sorted(terms, key=str.lower)
     assert len(terms) > 70
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_every_notebook_runs(path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-"],
+        input=cells(path),
+        cwd=path.parent,
+        env={**os.environ, "MPLBACKEND": "agg"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_page_is_in_the_site() -> None:
+    index = (DOCS / "index.md").read_text()
+    pages = {path.relative_to(DOCS).with_suffix("") for path in DOCUMENTS[1:]}
+    for page in pages - {Path("index"), Path("paper.template")}:
+        assert re.search(rf"^{page}$", index, re.MULTILINE), page

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tarfile
 import tomllib
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import pytest
 from support import command_line
 
 import bayesdrill
+from bayesdrill.api import files as api_files
 
 ROOT = command_line.ROOT
 LARGEST = {".whl": 1_200_000, ".gz": 4_000_000}  # bytes
@@ -228,3 +230,59 @@ def test_the_dockerfile_copies_files_that_are_there_and_runs_as_a_user() -> None
     assert lines[1] == "*"
     assert all((ROOT / name).exists() for name in given)
     assert {"pyproject.toml", "requirements.lock", "bayesdrill", "configs"} <= {*given}
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_the_package_and_its_examples_alone(dist: Dist) -> None:
+    with zipfile.ZipFile(dist.wheel) as wheel:
+        names = wheel.namelist()
+    about = f"bayesdrill-{bayesdrill.__version__}.dist-info"
+    assert {name.split("/")[0] for name in names} == {"bayesdrill", about}
+    files = [path for path in (ROOT / "bayesdrill").rglob("*.*") if path.is_file()]
+    own = {path.relative_to(ROOT).as_posix() for path in files if path.suffix != ".pyc"}
+    bundled = {f"bayesdrill/examples/{name}" for name in api_files.FILES}
+    assert own | bundled | {"bayesdrill/py.typed"} <= {*names}
+    assert not [name for name in names if "pycache" in name or "test" in name]
+    assert f"{about}/licenses/LICENSE" in names
+
+
+@pytest.mark.slow
+def test_the_source_installs_as_the_wheel_does(dist: Dist, tmp_path: Path) -> None:
+    """File by file; it says its version without any other package."""
+    contents = []
+    for archive in (dist.wheel, dist.sdist):
+        at = empty(f"{sys.version_info[0]}.{sys.version_info[1]}", tmp_path / archive.suffix)
+        reach_packages(at)
+        at.run("pip", "install", "-q", "--no-deps", "--no-compile", archive)
+        (place,) = (at.bin.parent / "lib").glob("python*/site-packages")
+        record = next(place.glob("bayesdrill-*.dist-info")) / "RECORD"
+        lines = record.read_text().splitlines()
+        contents.append({line for line in lines if line.startswith("bayesdrill/")})
+    assert contents[0] == contents[1]
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_dockerfile_run_by_hand(dist: Dist, tmp_path: Path) -> None:
+    """One after the other, with no other files than those that the image gets."""
+    version = re.search(r"python:(3\.\d+)", instructions()[0][1]).group(1)
+    at = empty(version, tmp_path)
+    reach_packages(at)
+    source, wheel = at.folder / "source", at.folder / "wheel"
+    for line in (ROOT / ".dockerignore").read_text().splitlines():
+        if line.startswith("!"):
+            of, to = dist.tree / line[1:], source / line[1:]
+            to.parent.mkdir(exist_ok=True)
+            shutil.copytree(of, to) if of.is_dir() else shutil.copy(of, to)
+    count = 0
+    for name, what in instructions():
+        if name == "RUN" and not what.startswith("useradd"):
+            if "/wheel/requirements.lock" in what:
+                shutil.copy(source / "requirements.lock", wheel)
+            here = what.replace("/wheel", str(wheel))
+            at.run(Path("/bin/sh"), "-c", f"cd {source} && {here}")
+            count += 1
+    assert count == 3
+    shutil.rmtree(source)
+    assert at.run("bayesdrill", "--help").count("posterior") > 0
+    at.run("bayesdrill", "example")
+    at.run("bayesdrill", "check", "configs/nominal_step.yaml")

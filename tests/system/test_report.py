@@ -5,19 +5,22 @@ What is said of a run is evaluated once, kept in `run.json`, and shown from ther
 
 import csv
 import dataclasses
+import json
 import os
 import pickle
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from support import command_line, finished_runs, forked_command
+from support import command_line, finished_runs, forked_command, injection_payloads
 from support.case_tables import for_each
 from support.command_line import cli, replace_text
 from support.finished_runs import FIGURES, FILES, FinishedRun
+from support.html_pages import Page
 
 import bayesdrill as bd
 from bayesdrill.analysis.run_analysis import RunAnalysis
@@ -371,3 +374,71 @@ def test_names_of_folders_need_not_be_utf_8(runs: Path, tmp_path: Path) -> None:
     command_line.assert_refused(mapped, f"{message}; rename the file or the folder")
     command_line.assert_refused(drafted, message)
     assert not (tmp_path / "made.yaml").exists()
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A maximum in `out`, of a config and a record whose texts and places are hostile."""
+    place = tmp_path_factory.mktemp("hostile") / injection_payloads.RUNS
+    config = injection_payloads.small(place)
+    result = cli("map", config, "-o", place / "out", "--processes", "1")
+    assert result.status == 0, result.text
+    return place
+
+
+def test_a_page_has_no_elements_from_texts_of_users(hostile: Path) -> None:
+    html = (hostile / "out" / "report.html").read_text(encoding="utf-8")
+    page = Page(html)
+    assert len(page.all("script")) == 1
+    assert len(page.all("img")) == 2  # the fit, and where it is enlarged
+    names = {name for _, attributes in page.found for name in attributes}
+    assert not any(name.startswith("on") or name == "style" for name in names)
+    assert html.count("owned=1") > 5
+    assert not re.search("<[A-Za-z/!?]", (hostile / "out" / "map.md").read_text(encoding="utf-8"))
+
+
+def test_a_terminal_shows_names_of_columns_and_obeys_none(hostile: Path) -> None:
+    check = cli("check", hostile / "small.yaml")
+    assert check.status == 0, check.text
+    assert injection_payloads.COLUMNS["theta_1"] in check.out
+    missing = cli(
+        "map", hostile / "small.yaml", "-o", hostile / f"{injection_payloads.OBEYED}/none"
+    )
+    for text in (check.text, missing.text):
+        assert text.replace("\n", "").isprintable()
+
+
+def test_run_json_is_as_its_schema_says(finished: Path) -> None:
+    """Every entry of every run, and every field of the analysis."""
+    schema = json.loads(cli("schema", "--of", "run").out)
+    for name in KEPT:
+        run = json.loads((finished / name / "run.json").read_text())
+        assert run.keys() <= schema["properties"].keys(), run.keys() - schema["properties"].keys()
+        problems = schema_errors(run["analysis"], schema["properties"]["analysis"], schema)
+        assert list(problems) == []
+    assert all(entry.get("description") for entry in schema["properties"].values())
+    assert cli("schema").out == bd.schema()
+    assert json.loads(bd.schema())["properties"]["sampler"]
+
+
+def schema_errors(data: Any, rule: dict[str, Any], schema: dict[str, Any]) -> Iterator[str]:
+    """Yield what of the data violates the rule, by the keywords that this schema uses."""
+    if "$ref" in rule:
+        rule = schema["$defs"][rule["$ref"].rpartition("/")[2]]
+    if "anyOf" in rule:
+        ways = [list(schema_errors(data, way, schema)) for way in rule["anyOf"]]
+        yield from min(ways, key=len)
+    elif "enum" in rule:
+        yield from () if data in rule["enum"] else [f"{data} is none of {rule['enum']}"]
+    elif not isinstance(data, TYPES[rule["type"]]):
+        yield f"{data} is no {rule['type']}"
+    elif rule["type"] == "object":
+        inside = rule.get("properties") or dict.fromkeys(data, rule.get("additionalProperties"))
+        if data.keys() != inside.keys():
+            yield f"{data.keys()} are not {inside.keys()}"
+        for key in data.keys() & inside.keys():
+            yield from schema_errors(data[key], inside[key], schema)
+    elif rule["type"] == "array":
+        rules = rule.get("prefixItems") or [rule["items"]] * len(data)
+        for item, own in zip(data, rules, strict=True):
+            yield from schema_errors(item, own, schema)

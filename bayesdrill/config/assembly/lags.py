@@ -67,8 +67,8 @@ def start_beyond_lags(
         ):
             if undetermined.any():
                 y[undetermined, k] = np.nan
-                one, several = "sample is left out, as it", "samples are left out, as they"
-                count = count_noun(int(undetermined.sum()), one, several)
+                words = "sample is left out, as it", "samples are left out, as they"
+                count = count_noun(int(undetermined.sum()), *words)
                 notes.append(f"{channel.name}: {count} may show {origin}")
     if len(notes) == len(experiment.told):
         return experiment
