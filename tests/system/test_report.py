@@ -421,6 +421,17 @@ def test_run_json_is_as_its_schema_says(finished: Path) -> None:
     assert json.loads(bd.schema())["properties"]["sampler"]
 
 
+TYPES: dict[str, Any] = {
+    "object": dict,
+    "array": list,
+    "null": type(None),
+    "number": int | float,
+    "integer": int,
+    "string": str,
+    "boolean": bool,
+}
+
+
 def schema_errors(data: Any, rule: dict[str, Any], schema: dict[str, Any]) -> Iterator[str]:
     """Yield what of the data violates the rule, by the keywords that this schema uses."""
     if "$ref" in rule:
