@@ -169,7 +169,8 @@ def _verdict(
     agrees = {p.product: p.table.agrees for p in population.populations if p.table is not None}
     wrong = [product for product, right in agrees.items() if not right]
     if agrees:
-        parts.append(f"the table disagrees in {listed(wrong)}" if wrong else "the table agrees")
+        nominal = "the nominal values"
+        parts.append(f"{nominal} disagree in {listed(wrong)}" if wrong else f"{nominal} agree")
     if not_used:
         parts.append(f"not used: {named(not_used)}")
     return f"{len(population.runs)} runs: {'; '.join(parts)}"
@@ -262,7 +263,7 @@ def rigs_table(population: PopulationFit) -> Table | None:
 TABLE_EXPLAINED = (
     "All in SI. `centre` is the level of the rig at the end of the campaign, at average noted numbers. "
     "`runs differ by` is half the width of the central 68 % of runs. The next run lies in its interval "
-    "with a probability of 90 %. The table agrees if more than 5 % of runs are as far off as it is."
+    "with a probability of 90 %. A nominal value agrees if more than 5 % of runs are as far off."
 )
 CHART = (
     "Each run by itself (bars: one standard deviation) and shrunk towards the others (dots), relative "

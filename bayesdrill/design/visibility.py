@@ -15,7 +15,7 @@ from bayesdrill.analysis.identifiability.structure import (
 )
 from bayesdrill.analysis.identifiability.study import remedies
 from bayesdrill.basics.arrays import StoredArray
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.design.knowledge import PresentKnowledge
 from bayesdrill.design.responses import ComingExperiment
 from bayesdrill.design.targets import (
@@ -91,7 +91,8 @@ def examine_targets(
         ),
     )
     if not visibility.visible:
-        raise InputError.at("--learn", _nothing_to_learn(visibility, invariants))
+        sentences = _nothing_to_learn(visibility, invariants)
+        raise InputError([Issue("--learn", sentence) for sentence in sentences])
     return visibility
 
 
@@ -123,13 +124,17 @@ def _moved(structure: ScalingStructure, exponents: Exponents) -> tuple[str, ...]
     return tuple(name for name, e in zip(structure.names, exponents, strict=True) if e)
 
 
-def _nothing_to_learn(visibility: TargetVisibility, invariants: Sequence[DesignTarget]) -> str:
+def _nothing_to_learn(
+    visibility: TargetVisibility, invariants: Sequence[DesignTarget]
+) -> list[str]:
     sentences = []
     for k, target in enumerate(visibility.targets):
         moved = "; ".join(map(", ".join, visibility.hidden_by[k]))
         scaled = f"no channel changes if these are scaled together: {moved}"
         sentences.append(f"no waveform shows {target.name}: {scaled}")
-        actions = visibility.remedies[k]
-        sentences += [f"  {what}: its sd falls {shrink:.3g} times" for what, shrink in actions]
+        sentences += [
+            f"to learn {target.name}, {action}: its sd falls {shrink:.3g} times"
+            for action, shrink in visibility.remedies[k]
+        ]
     others = ", ".join(target.name for target in invariants)
-    return "\n".join([*sentences, f"a waveform can determine: {others}"])
+    return [*sentences, f"a waveform can determine: {others}"]

@@ -12,8 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from matplotlib.figure import Figure
 from support import command_line, injection_payloads
 from support.case_tables import run_cases
+
+from bayesdrill.report import style
+from bayesdrill.report.render import as_html
+from bayesdrill.report.section import Link, Picture, Section
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -124,6 +129,23 @@ def test_nothing_fails_and_nothing_is_cut(browser: Browser, path: Path, size: st
     wide = """[...document.querySelectorAll('.scroll')].filter(
         e => e.scrollWidth > e.clientWidth + 1).map(e => e.getAttribute('aria-label'))"""
     assert page.evaluate(wide) == []
+
+
+@run_cases("inches", [3.4, 5.0, 7.0])
+@run_cases("size", SIZES)
+def test_points_that_link_lie_over_the_points_of_the_picture(
+    browser: Browser, tmp_path: Path, size: str, inches: float
+) -> None:
+    """Narrow figures are shown in a part of the page's width, and their links with them."""
+    style.save(Figure(figsize=(inches, 2.0)), tmp_path, "runs", {}, formats=("png",))
+    picture = Picture("runs", "runs", "png", (Link(0.5, 0.5, "run_1", ""),))
+    path = tmp_path / "page.html"
+    path.write_text(as_html("t", "campaign", [Section("s", (picture,))], tmp_path))
+    boxes = """['.zoom img', '.links'].map(e => document.querySelector(e).getBoundingClientRect())
+        .map(b => [b.left, b.top, b.width, b.height])"""
+    page, _ = opened(browser, path, size)
+    shown, links = page.evaluate(boxes)
+    assert links == pytest.approx(shown, abs=0.5)
 
 
 @run_cases("scheme", ["light", "dark"])

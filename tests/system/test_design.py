@@ -114,6 +114,7 @@ def test_what_no_waveform_shows_comes_with_what_would(tmp_path: Path) -> None:
         "no waveform shows k_s",
         "weigh or measure j_1 to 1 %",
         "(to 1 %) added to j_1: its sd falls",
-        "apply a known load torque",
-        "a waveform can determine",
+        "--learn: to learn k_s, apply a known load torque",
+        "--learn: a waveform can determine: k_s/j_1",
+        "r_m/l_m",
     )

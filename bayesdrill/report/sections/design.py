@@ -96,15 +96,16 @@ def _sentence(target: TargetOutlook) -> str:
 
 
 def odds_sentence(design: ExperimentDesign) -> str:
-    """Say what log odds mean, and how many times those of the best usual waveform a design has."""
+    """Say what log odds mean, and compare those of a design with the best usual waveform."""
     if not design.log_odds:
         return ""
     log_odds = {n: odds for n, odds in design.log_odds.items() if n not in (RECORDED, DESIGNED)}
     best = max(log_odds, key=lambda name: log_odds[name])
     ratio = design.log_odds[DESIGNED] / log_odds[best]
+    times = "about" if 1.0 / ALIKE <= ratio <= ALIKE else f"{ratio:.2g} times"
     return (
         "The config is taken to be true, and the other model is fitted to its record. Odds of 20 to 1 "
-        f"are log odds of 3.\nThe designed waveform has {ratio:.2g} times the log odds of {best}, the "
+        f"are log odds of 3.\nThe designed waveform has {times} the log odds of {best}, the "
         "best usual waveform."
     )
 
