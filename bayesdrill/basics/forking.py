@@ -7,8 +7,6 @@ from multiprocessing import context, forkserver, popen_forkserver
 from types import FunctionType
 from typing import Any
 
-from bayesdrill.basics.processes import PRELOADED
-
 
 class Server(forkserver.ForkServer):
     """The server belongs to one process, and is replaced when it cannot be reached."""
@@ -18,7 +16,6 @@ class Server(forkserver.ForkServer):
     def __init__(self) -> None:
         super().__init__()
         self._owner = os.getpid()
-        self.set_forkserver_preload([PRELOADED])
 
     def ensure_running(self) -> None:
         """Start a server if this process was forked from its owner, or if its socket was removed.
@@ -27,7 +24,9 @@ class Server(forkserver.ForkServer):
         """
         address: Any = getattr(self, "_forkserver_address", None)
         if self._owner != os.getpid() or (address and not os.path.exists(address)):
+            modules: Any = vars(self)["_preload_modules"]
             self.__init__()  # type: ignore[misc]
+            self.set_forkserver_preload(modules)
         super().ensure_running()
 
 

@@ -84,6 +84,7 @@ def start_server() -> BaseContext:
         path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
         own = {**ONE_THREAD, "PYTHONPATH": path, "PYTHONSAFEPATH": "1"}
         try:  # starting the tracker has released the signals
+            forking.SERVER.set_forkserver_preload([PRELOADED])
             with held_signals(), environment(own):
                 forking.SERVER.ensure_running()
         except OSError:
