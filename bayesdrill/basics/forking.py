@@ -1,4 +1,4 @@
-"""Fork worker processes from a server of this package (`multiprocessing.forkserver`)."""
+"""Start worker processes that are forked from a server of this package alone."""
 
 from __future__ import annotations
 
