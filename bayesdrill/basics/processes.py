@@ -2,8 +2,10 @@
 
 A process that has threads, such as that of a notebook, cannot be forked safely.  On Linux workers are
 therefore forked from a server (`multiprocessing.forkserver`), which is a fresh process with one
-thread.  It loads the libraries once for all workers, while its parent reads config and record.  On
-other systems, whose own libraries start threads, each worker is a fresh process.
+thread.  It loads the libraries once for all workers, while its parent reads config and record.  The
+applications that use this package may have another server, with other libraries and other limits.
+Where no server can be started, each worker is a fresh process; so it is on other systems, whose own
+libraries start threads.
 """
 
 from __future__ import annotations
@@ -12,18 +14,19 @@ import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from multiprocessing import forkserver, resource_tracker
+from multiprocessing import resource_tracker
+from multiprocessing.context import BaseContext
 
 FORKED = sys.platform == "linux"
-CONTEXT: multiprocessing.context.BaseContext = multiprocessing.get_context(
-    "forkserver" if FORKED else "spawn"
-)
+SPAWN = multiprocessing.get_context("spawn")
 PRELOADED = "bayesdrill.sampling.preloaded"  # the module that loads what workers need
 STOPPING = ("SIGINT", "SIGHUP", "SIGTERM")
 # The server has one thread, so that its memory can be forked; so have its workers.
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
+STARTING = threading.Lock()  # several threads may start workers
 
 
 def available_processors() -> int:
@@ -45,21 +48,45 @@ def held_signals() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def start_server() -> None:
-    """Start the server if workers are forked and it does not run yet; return without waiting for it.
+@contextmanager
+def environment(changes: Mapping[str, str]) -> Iterator[None]:
+    """Change variables of the environment in this context."""
+    before = {name: os.environ.get(name) for name in changes}
+    os.environ.update(changes)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
 
-    Raises `OSError` if the system has no room for it.
+
+def start_server() -> BaseContext:
+    """Start the server unless it runs, without waiting for it; return the context of workers.
+
+    Workers of this context are forked from the server, or fresh if it cannot be started: its socket
+    needs a directory for temporary files, whose path has at most some 80 bytes.
     """
-    # The resource tracker survives a run that is killed, and removes its semaphores.  Its warning
-    # would appear on a terminal where the next run has begun.
-    with held_signals():
-        sys.warnoptions.append("ignore:resource_tracker")
-        resource_tracker.ensure_running()
-        sys.warnoptions.pop()
-        if FORKED:
-            before = {name: os.environ.get(name) for name in ONE_THREAD}
-            os.environ.update(ONE_THREAD)
-            forkserver.set_forkserver_preload([PRELOADED])
-            forkserver.ensure_running()
-            for name, value in before.items():
-                os.environ.pop(name) if value is None else os.environ.update({name: value})
+    with STARTING:
+        # The resource tracker survives a run that is killed, and removes its semaphores.  Its warning
+        # would appear on a terminal where the next run has begun.
+        with held_signals():
+            sys.warnoptions.append("ignore:resource_tracker")
+            try:
+                resource_tracker.ensure_running()
+            finally:
+                sys.warnoptions.pop()
+        if not FORKED:
+            return SPAWN
+        from bayesdrill.basics import forking
+
+        # The server imports from where this process does, and never from the current directory,
+        # which may contain a `corner.py` of the user.
+        path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
+        own = {**ONE_THREAD, "PYTHONPATH": path, "PYTHONSAFEPATH": "1"}
+        try:  # starting the tracker has released the signals
+            forking.SERVER.set_forkserver_preload([PRELOADED])
+            with held_signals(), environment(own):
+                forking.SERVER.ensure_running()
+        except OSError:
+            return SPAWN
+        return forking.CONTEXT

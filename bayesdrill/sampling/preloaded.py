@@ -3,6 +3,7 @@
 import gc
 import importlib
 import sys
+from contextlib import suppress
 
 # Optional parts of corner and emcee, which no worker uses, take longer to load than all others.
 UNUSED = ("arviz", "scipy.stats")
@@ -16,6 +17,7 @@ NEEDED = (
 )
 sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]
 for _name in NEEDED:
-    importlib.import_module(_name)
+    with suppress(Exception):  # the task that needs it tells of it
+        importlib.import_module(_name)
 del sys.modules["scipy.stats"]  # some figures use it
 gc.freeze()  # searches for cycles pass over what is loaded, so that workers share its memory

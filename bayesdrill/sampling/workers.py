@@ -27,7 +27,7 @@ from typing import IO, Any, Concatenate, Self, cast
 from threadpoolctl import threadpool_limits
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.processes import CONTEXT, PRELOADED, held_signals, start_server
+from bayesdrill.basics.processes import PRELOADED, held_signals, start_server
 from bayesdrill.inference import step_error
 from bayesdrill.inference.compression import Compressions, compressed
 from bayesdrill.inference.posterior import Posterior
@@ -188,11 +188,11 @@ def start_workers(
     Each calls `prepare(*arguments)` before its first task.  Raises `InputError` if none can be started.
     """
     try:
-        start_server()
+        context = start_server()
         with held_signals():
             return ProcessPoolExecutor(
                 max_workers=processes,
-                mp_context=CONTEXT,
+                mp_context=context,
                 initializer=_start_worker,
                 initargs=({**os.environ}, prepare, *arguments),
             )
@@ -207,12 +207,13 @@ def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
 
     The pool itself would wait for ever for a suspended worker, or the rest of a killed one's result.
     """
+    workers = list((pool._processes or {}).values())  # other children of this process are not ours
     with held_signals():
         pool.shutdown(wait=False, cancel_futures=True)
         end = time.monotonic() + patience
-        for worker in multiprocessing.active_children():
+        for worker in workers:
             worker.join(max(0.0, end - time.monotonic()))
-        for worker in multiprocessing.active_children():
+        for worker in workers:
             worker.kill()
 
 
@@ -223,7 +224,8 @@ _WORKER: dict[str, Any] = {}
 def _start_worker(
     environment: Mapping[str, str], prepare: Callable[..., None], *arguments: Any
 ) -> None:
-    os.environ.update(environment)  # that of the server may be older
+    os.environ.clear()  # that of the server may be older
+    os.environ.update(environment)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, signal.SIG_IGN)

@@ -1,0 +1,54 @@
+"""Start worker processes that are forked from a server of this package alone."""
+
+from __future__ import annotations
+
+import os
+from multiprocessing import context, forkserver, popen_forkserver
+from types import FunctionType
+from typing import Any
+
+
+class Server(forkserver.ForkServer):
+    """The server belongs to one process, and is replaced when it cannot be reached."""
+
+    read_signed = staticmethod(forkserver.read_signed)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._owner = os.getpid()
+
+    def ensure_running(self) -> None:
+        """Start a server if this process was forked from its owner, or if its socket was removed.
+
+        Old temporary files are removed on many systems while a notebook is open.
+        """
+        address: Any = getattr(self, "_forkserver_address", None)
+        if self._owner != os.getpid() or (address and not os.path.exists(address)):
+            modules: Any = vars(self)["_preload_modules"]
+            self.__init__()  # type: ignore[misc]
+            self.set_forkserver_preload(modules)
+        super().ensure_running()
+
+
+SERVER = Server()
+
+
+class _Popen(popen_forkserver.Popen):
+    # The standard library asks its one server, which is a global name, for a process.
+    _launch = FunctionType(
+        popen_forkserver.Popen._launch.__code__,  # type: ignore[attr-defined]
+        {**vars(popen_forkserver), "forkserver": SERVER},
+    )
+
+
+class _Process(context.ForkServerProcess):
+    @staticmethod
+    def _Popen(process_obj: Any) -> _Popen:  # noqa: N802
+        return _Popen(process_obj)
+
+
+class _Context(context.ForkServerContext):
+    Process = _Process
+
+
+CONTEXT = _Context()
