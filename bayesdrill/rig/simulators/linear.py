@@ -260,5 +260,5 @@ class Response(Simulator):
         others += [] if weights is None else [weights]
         bound, size = self._bind(tally, q, ahead, stored=stored)
         scratch = np.empty((size, LANES))
-        own = in_groups(numbers, *others)
-        return bound.run(len(full), out, own=own, scratch=aligned(scratch), **blocks)
+        walkers = in_groups(numbers, *others)
+        return bound.run(len(full), out, own=walkers, scratch=aligned(scratch), **blocks)
