@@ -406,8 +406,7 @@ def test_the_readme_is_short_and_the_glossary_in_order() -> None:
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_every_notebook_runs(path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-"],
-        input=cells(path),
+        [sys.executable, "-c", cells(path)],
         cwd=path.parent,
         env={**os.environ, "MPLBACKEND": "agg"},
         capture_output=True,
