@@ -40,18 +40,18 @@ class LimitCheck:
         """Return the check at a rate at which extremes under the largest swings have settled."""
         check, source = cls(coming, limits, theta), coming.source
         levels = np.where(np.arange(source.count) % 2, source.low, source.high)
-        sizes = check._sizes(levels)
+        sizes = check.sizes(theta[:4], levels)
         while limits and 2 * len(source.t) <= FINEST:
             source = dataclasses.replace(source, hold=source.interval, rate=2.0 * source.rate)
             check = cls(ComingExperiment.like(coming.observation, source), limits, theta)
-            before, sizes = sizes, check._sizes(levels)
+            before, sizes = sizes, check.sizes(theta[:4], levels)
             if (np.abs(sizes - before) <= CHANGED * sizes).all():
                 break
         return check
 
-    def _sizes(self, levels: Array) -> Array:
-        few = self.theta[:4]
-        return np.abs(self.limited(few, levels)).max(axis=(0, 1), initial=1e-300)
+    def sizes(self, theta: Array, levels: Array) -> Array:
+        """Return the largest sizes `(L,)` of the limited quantities at draws `theta (W, D)`."""
+        return np.asarray(np.abs(self.limited(theta, levels)).max(axis=(0, 1), initial=1e-300))
 
     def limited(self, theta: Array, levels: Array) -> Array:
         """Return the limited quantities `(W, T, L)` at draws `theta (W, D)`."""
@@ -125,8 +125,7 @@ class LimitPenalty:
             *(self._draw(theta[[w]], times) for w in range(len(theta))), strict=True
         )
         self._states, self._forms, self._times = np.stack(states), np.stack(forms), times
-        ends = check.limited(theta, np.full(count, max(source.low, source.high, key=abs)))
-        self._size = np.maximum(np.abs(ends).max(axis=(0, 1), initial=0.0), 1e-300)
+        self._size = check.sizes(theta, np.full(count, max(source.low, source.high, key=abs)))
 
     def _draw(self, theta: Array, times: Array) -> tuple[Array, Array]:
         """Return states `(t, S + 1, X)` at some times, and forms `(L, S + 1, S + 1)` of integrals."""

@@ -1,4 +1,4 @@
-"""What the page of a run says about why it does not belong."""
+"""The page of a run says why the run does not belong to the others."""
 
 from types import SimpleNamespace
 from typing import Any, cast

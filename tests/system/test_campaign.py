@@ -33,7 +33,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
 
 
 def finished_text(campaign: Finished) -> str:
-    """What the command said, with the folder of this copy."""
+    """Return the text that the command printed, with the folder of this copy."""
     return campaign.result.out.replace(
         campaign.result.out.split("results: ")[1].split(" (")[0], f"{campaign.folder}/"
     )

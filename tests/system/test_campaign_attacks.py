@@ -1,4 +1,4 @@
-"""What goes wrong in campaigns is named, with a way out, and costs nothing that is kept.
+"""Campaigns name each mistake with a way out, and lose nothing that is kept.
 
 `campaign_attacks.yaml` has the cases; its head explains their entries.
 """
