@@ -6,6 +6,7 @@ streams of random numbers for the same purposes.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
@@ -35,6 +36,8 @@ from bayesdrill.sampling.workers import WorkerPool
 SEARCHING = "searching the MAP"
 CHECKED_DRAWS = 500  # draws at which a compressed likelihood is compared with the exact one
 TASKS_PER_SEARCH = 2  # tasks for workers; each has several starts, which are cheap in one batch
+BATCHES_PER_START = 2000  # batches of random points that take as long as a search from one start
+WORKERS_START = 1.5  # seconds until workers compute
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,6 +75,21 @@ def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult]:
         mode = end_searches(pool, begin_searches(pool, plan, SILENT), SILENT)
         pool.set_steps(mode.pieces)
         return mode, sample_maxima(pool, mode, plan, MemoryBackend(), SILENT)
+
+
+def searching_processes(posterior: Posterior, plan: FitPlan, processes: int) -> int:
+    """Return 1 where searches are over before workers could help, otherwise `processes`.
+
+    The duration of the searches is estimated from that of the density at a batch of random points.
+    """
+    if processes == 1:
+        return 1
+    points = posterior.space.draw(mode_search.MULTI_STARTS, seeds.stream(plan.chains.seed, "scout"))
+    posterior.density(points)  # loads the kernels, or compiles them
+    begun = time.perf_counter()
+    posterior.density(points)
+    seconds = (time.perf_counter() - begun) * BATCHES_PER_START * plan.starts
+    return processes if seconds * (1 - 1 / processes) > WORKERS_START else 1
 
 
 def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> PendingSearches:

@@ -27,7 +27,13 @@ from bayesdrill.results import provenance
 from bayesdrill.results.provenance import begin, check_record
 from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder, dump_record, load_record
 from bayesdrill.rig.simulators import COMPRESSED_FROM
-from bayesdrill.sampling.fit import FitPlan, PendingSearches, begin_searches, end_searches
+from bayesdrill.sampling.fit import (
+    FitPlan,
+    PendingSearches,
+    begin_searches,
+    end_searches,
+    searching_processes,
+)
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.selection import config_edits
@@ -84,8 +90,9 @@ def find_mode(job: Job, processes: int, report: Reporter, *, quick: bool = False
     """Find the MAP alone and write nothing; `quick` searches only from the configured start."""
     if quick:
         job = job.with_settings(map=job.config.map.model_copy(update={"starts": 1}))
-    with WorkerPool(job.problem.posterior, processes) as pool:
-        return end_search(pool, begin_searches(pool, fit_plan(job), report), report)
+    posterior, wanted = job.problem.posterior, fit_plan(job)
+    with WorkerPool(posterior, searching_processes(posterior, wanted, processes)) as pool:
+        return end_search(pool, begin_searches(pool, wanted, report), report)
 
 
 SHORTEST = {
