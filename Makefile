@@ -59,6 +59,7 @@ results: $(READY)
 		--limit 'integral(r_m*i**2)=:50' --output results/nominal_step_designed --force
 	@$(BIN)/python -m studies.paper --force
 	@$(BIN)/python docs/results.py
+	@$(BIN)/python docs/render.py
 
 # From nothing, so that no page of another state stays; a warning or a dead link is an error.
 docs: $(DOCS_READY)

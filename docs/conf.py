@@ -21,7 +21,7 @@ version = release = __version__
 project_copyright = "the authors of bayesdrill"
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
-exclude_patterns = ["paper", "paper.template.md"]
+exclude_patterns = ["paper.template.md"]
 
 # Anchors as a forge makes them, so that one link serves both.
 myst_heading_anchors = 4

@@ -1,7 +1,6 @@
-"""`docs/paper.md` from its template and the tables of `make paper`, so that no number is typed.
+"""Make `docs/paper.md` from its template and the published tables, so that no number is typed.
 
-    python docs/render.py results/paper     copies tables and figures into docs, then renders
-    python docs/render.py                   renders with the tables that docs has
+`python docs/render.py` renders the page, and copies the figures of `results/published/paper`.
 
 In the template `{table_2[0.001,c_m].bound_percent:.2g}` is the cell of the line that has both keys,
 and `{table:matrix}` a whole table.
@@ -11,15 +10,13 @@ from __future__ import annotations
 
 import csv
 import re
-import shutil
-import sys
 from pathlib import Path
 
 from PIL import Image
 
 DOCS = Path(__file__).parent
 TEMPLATE, PAGE = DOCS / "paper.template.md", DOCS / "paper.md"
-TABLES, FIGURES = DOCS / "paper", DOCS / "figures"
+TABLES, FIGURES = DOCS.parent / "results" / "published" / "paper", DOCS / "figures"
 PREFIX = "paper_"  # of the names of figures in docs
 
 CELL = re.compile(r"\{(\w+)\[([^\]]+)\]\.(\w+)(?::([^}]*))?\}")
@@ -56,18 +53,13 @@ def _number(text: str) -> float | str:
         return text
 
 
-def gather(results: Path) -> None:
-    """Tables and figures of a finished `make paper`, these as PNG in 32 greys."""
-    TABLES.mkdir(exist_ok=True)
-    for path in sorted(results.glob("*.csv")) + sorted(results.glob("*.md")):
-        if path.name != "report.md":
-            shutil.copyfile(path, TABLES / path.name)
+def copy_figures(results: Path) -> None:
+    """Copy the figures of a finished `make paper` as PNG in 32 greys."""
     for path in sorted((results / "figures").glob("*.png")):
         grey = Image.open(path).convert("L").quantize(32)
         grey.save(FIGURES / f"{PREFIX}{path.name}", optimize=True)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        gather(Path(sys.argv[1]))
+    copy_figures(TABLES)
     PAGE.write_text(render(TEMPLATE.read_text(), TABLES))

@@ -30,7 +30,7 @@ from studies.paper.printed import Row
 
 def bounds(likelihood: Likelihood, truth: Array) -> Array:
     """Return Cramer-Rao bounds of the unknowns `(D,)`, physical, for sigma 1 in every channel."""
-    sensitivity = SensitivityStudy(likelihood)
+    sensitivity = SensitivityStudy(likelihood, len(likelihood.only_observation.experiment.t))
     sigma = likelihood.only_observation.scales(truth[None])[0]
     rows = sensitivity.sensitivities(truth)
     each = (rows.reshape(-1, len(sigma), rows.shape[1]) * sigma[:, None]).reshape(rows.shape)

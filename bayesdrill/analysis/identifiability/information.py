@@ -49,10 +49,13 @@ LARGEST_SLOPE = 1e100  # largest whitened slope, whose sums of squares do not ov
 
 
 class SensitivityStudy:
-    """A study computes sensitivities to m unknowns and k nuisances, for excerpts of long records."""
+    """A study computes sensitivities to m unknowns and k nuisances.
 
-    def __init__(self, likelihood: Likelihood) -> None:
-        short = [first_samples(o, STUDIED_SAMPLES) for o in likelihood.observations]
+    Of each record the first `samples` are studied, as if all others had as much information.
+    """
+
+    def __init__(self, likelihood: Likelihood, samples: int = STUDIED_SAMPLES) -> None:
+        short = [first_samples(o, samples) for o in likelihood.observations]
         self.likelihood = dataclasses.replace(likelihood, observations=tuple(short))
         self._stages = tuple(
             _ExtendedExperiment(new, len(old.experiment.t) / len(new.experiment.t))

@@ -7,10 +7,8 @@ from pathlib import Path
 
 import pytest
 
-DOCS = Path(__file__).parents[3] / "docs"
-
-
-TABLES = DOCS / "paper"
+ROOT = Path(__file__).parents[3]
+DOCS, TABLES = ROOT / "docs", ROOT / "results" / "published" / "paper"
 
 
 # Numbers that the text may have without a table: what the studies are given, names and ranges.

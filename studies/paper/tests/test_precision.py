@@ -70,6 +70,14 @@ def test_bounds_of_lengths_are_those_at_a_thousandth_and_repeats_attain_what_is_
         assert relative["c_m"] / np.sqrt(line["repeats"]) == pytest.approx(attained)
 
 
+def test_bounds_of_a_long_record_are_of_its_whole_course() -> None:
+    """Ten times as many samples of one course tell as much as ten records of it."""
+    rig = target(("c_m", "k_e"), UNEVEN, 51, {})
+    few, many = precision.lengths(rig.likelihood, NOMINAL, ((40.0, 100.0), (40.0, 1000.0)))
+    for bound in ("c_m_percent", "k_e_percent"):
+        assert few[bound] / many[bound] == pytest.approx(np.sqrt(10.0), rel=2e-3)
+
+
 def test_the_implied_noise_is_that_at_which_the_bound_is_the_deviation() -> None:
     """Back from its rows; and deviations that are the bounds at a noise lead to that."""
     one = {"c_m": 37.1, "k_e": 0.29}
