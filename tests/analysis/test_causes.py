@@ -263,11 +263,6 @@ def test_a_torque_that_is_late_is_named(
     check_words(causes, best)
 
 
-def test_inputs_that_are_in_time_leave_nothing_to_explain(tmp_path: Path) -> None:
-    assert causes_of(bd.load(shaft(tmp_path, 0))) is None
-    assert describe_causes(None) == ""
-
-
 @some_or_all("free_start", "friction_rotor_1", "damping_shaft", "offset_theta_1")
 def test_friction_shows_once_a_rig_moves_from_its_start(
     parts: tuple[str, ...], monkeypatch: pytest.MonkeyPatch

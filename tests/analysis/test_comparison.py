@@ -121,13 +121,6 @@ def layer(name: str, shift: float = 0.0, stretch: float = 1.0, **settings: str) 
     return PosteriorSummary(name=name, mark=name, problem=problem(), draws=draws, settings=settings)
 
 
-def test_a_run_has_no_distance_from_itself() -> None:
-    rows = overlay_rows([layer("a"), layer("a")])
-    assert [row.symbol.name for row in rows] == list(problem().names)
-    assert all(row.distance == 0.0 and row.pair == (0, 1) for row in rows)
-    assert all(row.agreed == problem().nominal[row.symbol.name] for row in rows)
-
-
 @run_cases("shift, stretch", [(2.0, 1.0), (-0.7, 1.0), (3.0, 4.0)])
 def test_the_distance_of_shifted_draws_is_the_shift(shift: float, stretch: float) -> None:
     """In root mean squares of both sds."""

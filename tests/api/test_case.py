@@ -1,7 +1,5 @@
 """Cases of arrays and of configs: the same posterior, mistakes with their names, and their jobs."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -149,14 +147,3 @@ def test_a_config_is_simulated_and_calibrated_before_anything_is_measured(tmp_pa
 
 
 # --- the package -------------------------------------------------------------------------------------
-
-
-def test_the_package_loads_what_it_offers_when_it_is_asked_for() -> None:
-    assert {"load", "case", "open", "respond", "MotorShaft"} <= set(dir(bd))
-    assert all(getattr(bd, name) is not None for name in dir(bd))
-    assert not [name for name in dir(bd) if (ROOT / "bayesdrill" / name).exists()]  # of a folder
-    with pytest.raises(AttributeError, match="it has"):
-        bd.posterior  # noqa: B018
-    code = "import sys, bayesdrill; print('numpy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"

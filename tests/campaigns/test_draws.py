@@ -29,17 +29,6 @@ def test_all_faults_of_all_runs_are_named_at_once() -> None:
         CampaignDraws(products=("k_s",), runs=())
 
 
-def test_rigs_and_noted_columns_keep_their_order() -> None:
-    runs = (
-        run("1", rig="b", noted={"load": 1.0}),
-        run("2", noted={"heat": 1.0}),
-        run("3", rig="b"),
-    )
-    campaign = CampaignDraws(products=("k_s", "c_m"), runs=runs)
-    assert campaign.rigs == ("b", "a")
-    assert campaign.noted == ("load", "heat")
-
-
 def test_many_draws_are_thinned_evenly() -> None:
     count = 2 * MAX_DRAWS
     draws = np.arange(count, dtype=float)[:, None]

@@ -45,18 +45,6 @@ def test_logarithmic_ticks_are_few_round_and_inside(start: float, decades: float
             np.testing.assert_allclose(float(scale.value(place)), expected, rtol=1e-6)
 
 
-def test_a_plain_axis_of_large_numbers_has_no_small_ticks() -> None:
-    """Such as deviations of hundreds of per cent, which are no powers of ten."""
-    for size in (380.0, 3e5):
-        assert len(scales.scale(0.8 * size, size).between) == 0
-        assert len(scales.scale(0.8 * size, 4 * size, log=True).between) > 3
-
-
-def test_an_axis_too_short_for_a_logarithm_to_bend_it_is_plain() -> None:
-    assert scales.scale(1.0, 1.01, log=True).log
-    assert not scales.scale(1.0, 1.0 + 1e-5, log=True).log
-
-
 def test_names_are_printed_with_their_index_and_kept_in_code() -> None:
     own = (
         Symbol("sigma_w_2", "rad/s", r"\sigma_{\dot\theta_2}", "rad/s", "noise"),

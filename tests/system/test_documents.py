@@ -37,7 +37,7 @@ from bayesdrill.config import loading
 from bayesdrill.config.schema.config import Config
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import dynamics
-from docs import check_site, reference
+from docs import reference
 
 README = ROOT / "README.md"
 
@@ -302,36 +302,6 @@ def test_the_reference_has_every_command_entry_and_function() -> None:
 
 
 # --- pages and the site --------------------------------------------------------------------------
-
-
-def test_a_broken_site_is_detected(tmp_path: Path) -> None:
-    page = "<h1 id='here'>x</h1><a href='other.html#there'>y</a><a href='#here'>z</a>"
-    (tmp_path / "index.html").write_text(page)
-    (tmp_path / "other.html").write_text("<p id='there'></p><a href='https://example.org'>far</a>")
-    assert list(check_site.wrong(tmp_path)) == []
-    (tmp_path / "other.html").write_text(
-        "<script src='https://example.org/x.js'></script><img src='gone.png'>"
-        "<a href='nowhere.html'></a><p style='background: url(//example.org/y.png)'></p>"
-    )
-    (tmp_path / "site.css").write_text("@import url('https://example.org/font.css');")
-    problems = "\n".join(check_site.wrong(tmp_path))
-    for message in (
-        "index.html: other.html#there has no such anchor",
-        "other.html: loads https://example.org/x.js",
-        "other.html: gone.png is not there",
-        "other.html: nowhere.html leads nowhere",
-        "other.html: loads //example.org/y.png",
-        "site.css: loads https://example.org/font.css",
-    ):
-        assert message in problems
-
-
-def test_the_site_pins_no_package_twice() -> None:
-    """One environment holds both lists."""
-    locks = (ROOT / "requirements.lock", DOCS / "requirements.lock")
-    own, more = ({line.split("==")[0].lower() for line in p.read_text().split()} for p in locks)
-    assert not own & more
-    assert {"sphinx", "myst-nb", "furo"} <= more
 
 
 @pytest.mark.slow

@@ -247,13 +247,6 @@ def test_a_ladder_overwrites_nothing_unasked_and_resumes_only_itself(
     assert table == (finished.folder / "comparison.csv").read_bytes()
 
 
-def test_a_config_that_is_wrong_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    config = command_line.small_config(tmp_path, ("k_s: nominal", "k_s: nominall"))
-    result = command_line.cli("ladder", config, "-o", tmp_path / "out")
-    assert_refused(result, "parameters.k_s")
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.slow
 def test_processes_and_a_cluster_give_the_same_comparison(finished: Ladder, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from support import command_line, finished_runs
 from support.case_tables import run_cases
-from support.command_line import assert_refused, assert_refused_unchanged, cli, listing
+from support.command_line import assert_refused_unchanged, cli, listing
 from typer.main import get_command
 
 from bayesdrill import output_files
@@ -140,16 +140,6 @@ def test_results_never_replace_a_record_that_has_the_name_of_a_result(
         record.unlink()
         if before is not None:
             record.write_bytes(before)
-
-
-def test_a_figure_of_a_rig_never_replaces_the_record(tmp_path: Path) -> None:
-    config = command_line.small_config(
-        tmp_path, ("file: small.csv", "file: small.svg\n  format: csv")
-    )
-    (tmp_path / "small.svg").write_text(command_line.small_record())
-    check = unchanged(tmp_path, [tmp_path / "small.svg"])
-    assert_refused(cli("check", config, "--figure", tmp_path / "small.svg"), "never replaced")
-    check()
 
 
 # --- identify ------------------------------------------------------------------------------------

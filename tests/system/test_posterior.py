@@ -8,8 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from emcee.backends import HDFBackend
-from support import command_line, finished_runs
+from support import command_line
 from support.finished_runs import FIGURES, FILES, FinishedRun
 
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
@@ -45,26 +44,6 @@ def test_a_run_leaves_a_complete_folder_and_nothing_else(drawn: FinishedRun) -> 
     assert "converged: all targets are met" in (drawn.folder / "summary.md").read_text()
 
 
-def test_the_fit_is_described_on_the_terminal_and_in_the_summary(converged: FinishedRun) -> None:
-    lines = [line for line in converged.result.out.splitlines() if line.startswith("fit: ")]
-    assert lines[0].startswith("fit: the MAP leaves unexplained ")
-    assert lines[1].startswith("fit: the residuals look like the noise")
-    summary = (converged.folder / "summary.md").read_text()
-    assert "".join(f"- {line}\n" for line in lines) in summary
-    channels = [row["channel"] for row in converged.json["analysis"]["fit"]]
-    assert channels == ["theta_1", "w_1"]
-
-
-def test_the_chain_is_an_emcee_backend(converged: FinishedRun) -> None:
-    for k in range(4):
-        path = str(converged.folder / "chain.h5")
-        backend = HDFBackend(path, name=f"ensemble_{k}", read_only=True)
-        assert backend.get_chain().shape == (converged.json["steps"], 8, 2)
-        assert backend.get_log_prob().shape == backend.get_chain().shape[:2]
-        assert np.all(np.isfinite(backend.get_log_prob()))
-        assert np.all(backend.accepted > 0)
-
-
 def test_the_tree_has_the_groups_and_units_of_arviz(converged: FinishedRun) -> None:
     with xarray.open_datatree(converged.folder / "posterior.nc", engine="h5netcdf") as tree:
         groups = {"posterior", "sample_stats", "log_likelihood", "prior", "derived"}
@@ -80,26 +59,6 @@ def test_the_tree_has_the_groups_and_units_of_arviz(converged: FinishedRun) -> N
         assert np.all(np.isfinite(tree["log_likelihood"]["w_1"].values))
         k_e = tree["posterior"]["k_e"].values
         assert np.all((k_e > 0.5 * 0.06016) & (k_e < 1.5 * 0.06016))
-
-
-STAGES = [
-    "searching the MAP",
-    "looking at what the record can show",
-    "looking for other maxima",
-    "learning the proposal",
-    "looking for what the proposal leaves out",
-    "starting the walkers",
-    "computing the evidence",
-    "looking at what the draws say",
-    "making tables and figures",
-]
-
-
-def test_each_stage_is_announced(converged: FinishedRun) -> None:
-    announced = [line for line in converged.result.err.splitlines() if line.endswith(" ...")]
-    assert announced == [f"  {stage} ..." for stage in STAGES]
-    report = command_line.cli("report", converged.folder, "--processes", "1")
-    assert report.err.splitlines() == announced[-2:]
 
 
 # --- what a run repeats --------------------------------------------------------------------------
@@ -171,25 +130,6 @@ def test_a_posterior_that_the_proposal_does_not_cover_is_not_believed(
     words = "note: coverage: about 2 % of the posterior lies where the proposal hardly ever leads,"
     assert f"{words} so the ends of intervals are rough" in result.out
     assert run.json["missed"] == 0.02
-
-
-def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
-    """The end is named with the way out; a file of an older version is removed by the report."""
-    ends = ("k_e: {prior: uniform, low: 0.5", "k_e: {prior: uniform, low: 1.0")
-    run = finished_runs.run(tmp_path_factory, ends)
-    assert run.result.status == 0, run.result.text
-    words = "Cannot judge: k_e. The prior of k_e ends at 0.06016; widen it."
-    assert words in run.result.out
-    verdict = run.json["verdict"]
-    assert verdict["ends"] == {"k_e": 0.06016}
-    assert verdict["quantities"]["k_e"]["says"] == "cannot judge"
-    (run.folder / "opened.npz").write_text("of an older version")
-    report = command_line.cli("report", run.folder, "--processes", "1")
-    assert report.status == 0, report.text
-    assert words in report.out
-    assert not (run.folder / "opened.npz").exists()
 
 
 # --- the command line ----------------------------------------------------------------------------

@@ -132,13 +132,6 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
 # --- a run of something else ---------------------------------------------------------------------
 
 
-def test_a_second_fresh_run_is_refused(copy: FinishedRun) -> None:
-    before = command_line.listing(copy.folder)
-    result = posterior(copy.config, copy.folder)
-    assert_refused(result, "results exist already", "--resume", "--force")
-    assert command_line.listing(copy.folder) == before
-
-
 K_E = "low: 0.5, high: 1.5, relative: true}\n  k_T"
 J_1 = "j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
 W_1 = "w_1: {column: w_1, unit: rad/s, sigma: 0.05"

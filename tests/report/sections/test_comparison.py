@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
 from support.compared_models import CHANNELS
 from support.figure_checks import legend_texts, marked, xy
 from support.figure_contexts import (
@@ -15,11 +14,8 @@ from support.figure_contexts import (
 
 from bayesdrill.analysis.comparison import overlay_rows
 from bayesdrill.inference.display_units import SI
-from bayesdrill.report import style
-from bayesdrill.report.comparison_report import OVERLAID
 from bayesdrill.report.section import as_markdown, as_text
 from bayesdrill.report.sections.comparison import comparison_sections
-from bayesdrill.report.sections.overlay import RUN_STYLES
 
 
 def test_marks_of_models_stand_where_the_numbers_are() -> None:
@@ -39,17 +35,6 @@ def test_marks_of_models_stand_where_the_numbers_are() -> None:
     assert hollow == {places[summary.name] for summary in summaries if not summary.like_noise}
     assert len({round(y) for y in hollow}) == 3
     assert np.ptp([xy(mark)[1, 0] for mark in channels]) == 3
-
-
-def test_overlaid_runs_differ_without_colours() -> None:
-    """By grey and width where lines are whole, by dashes else; none has those of a nominal value."""
-    assert len(RUN_STYLES) == OVERLAID.most
-    whole = [look for look in RUN_STYLES if look.linestyle == "-"]
-    greys = sorted(np.dot(to_rgb(look.color), (0.299, 0.587, 0.114)) for look in whole)
-    assert min(np.diff(greys)) > 0.1
-    dashes = [look.linestyle for look in RUN_STYLES if look.linestyle != "-"]
-    assert len({*dashes, style.NOMINAL["linestyle"]}) == len(dashes) + 1
-    assert len({look.marker for look in RUN_STYLES}) == len(RUN_STYLES)
 
 
 def test_intervals_of_overlaid_runs_stand_where_the_numbers_are_and_gaps_where_none_is() -> None:
