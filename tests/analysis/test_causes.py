@@ -216,8 +216,6 @@ def test_a_rig_that_changes_shows_from_window_to_window(tmp_path: Path) -> None:
     assert "k_e from " in wandering(causes)
 
 
-# --- a torque that is late, of a shaft whose upper end is turned -------------------------------------
-
 SHAFT = """\
 name: shaft
 seed: 4
@@ -302,9 +300,6 @@ def test_an_offset_and_dry_friction_of_a_motor_that_turns_one_way_are_not_recomm
     assert causes.best.parts in {("offset_w_motor",), ("offset_u_motor",), ("friction_motor",)}
     (both,) = (c for c in causes.ranked if {*c.parts} == {"offset_w_motor", "offset_u_motor"})
     assert ("alike", {*both.words}) in [(each.kind, {*each.said_of}) for each in both.doubts]
-
-
-# --- which cause is the best -------------------------------------------------------------------------
 
 
 def cause(bayes: float, *parts: str) -> Cause:

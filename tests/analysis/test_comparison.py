@@ -35,8 +35,6 @@ from bayesdrill.report.sections.nominal import repeats_sentence, repeats_table
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.linear import Response
 
-# --- the word that the evidence of several models has ------------------------------------------------
-
 GIVEN = model("given", 0.0)
 FRICTION, RED = {"rig": "rubbing"}, {"noise": "ar1"}
 BOTH = {**FRICTION, **RED}
@@ -110,9 +108,6 @@ def test_models_that_must_not_be_believed_are_named_with_the_reasons() -> None:
     assert "BELIEVE best" not in text
 
 
-# --- distances between posteriors --------------------------------------------------------------------
-
-
 def layer(name: str, shift: float = 0.0, stretch: float = 1.0, **settings: str) -> PosteriorSummary:
     """Return draws that are moved by `shift` sds, and stretched about their means."""
     x = figure_draws(3000)[:, :9]
@@ -144,8 +139,6 @@ def test_settings_that_are_not_the_same_everywhere_are_named() -> None:
     assert differing(layers) == {"k_s": ("normal", None), "k_e": (None, "held")}
     assert differing([layer("a", seed="1"), layer("b", seed="1")]) == {}
 
-
-# --- experiments with one rig ------------------------------------------------------------------------
 
 SIGMA, FREE = 0.05, ("k_e", "k_s", "j_1")
 MEASURES = {"w_1": {"w_1": 1.0}, "w_2": {"w_2": 1.0}}

@@ -170,8 +170,6 @@ def test_a_nominal_value_far_outside_its_prior_is_named() -> None:
     assert list(plausibility.plausibility_of_priors(near)) == []
 
 
-# --- priors that are too wide for an evidence --------------------------------------------------------
-
 SHARP = 0.05 * (1.0 + 0.01 * np.random.default_rng(6).standard_normal(4000))
 UNMOVED = LogUniform(1e-3, 1e1).quantile(np.random.default_rng(7).random(4000))
 

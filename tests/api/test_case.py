@@ -39,9 +39,6 @@ def test_a_log_density_at_values_that_do_not_fit_the_unknowns_is_refused() -> No
         two().log_density({"k_s": [0.3, 0.31], "t_f": [0.1, 0.1, 0.1]})
 
 
-# --- mistakes ----------------------------------------------------------------------------------------
-
-
 MASKED = np.ma.masked_greater(np.where(T[3] == T, 9999.0, np.sin(T)), 9000.0)
 GAP = np.where(T[17] == T, np.nan, 1.0)
 DATES = np.datetime64("2026-01-01") + np.arange(len(T)) * np.timedelta64(20, "ms")
@@ -103,9 +100,6 @@ def test_a_wrong_start_of_sampling_or_nominal_table_is_refused() -> None:
         bd.nominal("tables_2_4")
 
 
-# --- files -------------------------------------------------------------------------------------------
-
-
 def test_a_case_of_a_config_does_what_the_commands_do(tmp_path: Path) -> None:
     """With the same words, the same folders and the same refusals."""
     config, out = command_line.small_config(tmp_path / "rig"), tmp_path / "out"
@@ -144,6 +138,3 @@ def test_a_config_is_simulated_and_calibrated_before_anything_is_measured(tmp_pa
     with pytest.raises(bd.InputError, match="exclude each other"):
         calibration.run(resume=True, force=True)
     assert '"motor_shaft"' in bd.schema()
-
-
-# --- the package -------------------------------------------------------------------------------------

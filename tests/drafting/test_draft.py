@@ -244,9 +244,6 @@ def test_impossible_numbers_are_input_errors(name: str, tmp_path: Path) -> None:
         assert refusal(path, **{name: number})
 
 
-# --- which files are written -----------------------------------------------------------------------
-
-
 def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     path = write_table(tmp_path / "r.csv", german_record())
     config = tmp_path / "r.yaml"
@@ -278,9 +275,6 @@ def test_check_draws_the_record_of_each_experiment(tmp_path: Path) -> None:
     case = bd.load(tmp_path / "r.yaml")
     with pytest.raises(bd.InputError, match=r"--figure-record: 'seen\.gif' is none of \.pdf"):
         case.draw_record(tmp_path / "seen.gif")
-
-
-# --- rigs, their nominal values and priors ---------------------------------------------------------
 
 
 def test_a_data_sheet_becomes_the_nominal_table(tmp_path: Path) -> None:

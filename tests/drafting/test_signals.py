@@ -74,9 +74,6 @@ def test_an_angle_that_wraps_is_unwrapped(unit: str, tmp_path: Path) -> None:
     assert jumps > 3
 
 
-# --- glitches --------------------------------------------------------------------------------------
-
-
 def glitches(columns: dict[str, np.ndarray]) -> dict[str, tuple[tuple[float, float], ...]]:
     """Of each channel the first and last times of what looks like a glitch."""
     heads = {"v": "v [V]"}

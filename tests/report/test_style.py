@@ -50,6 +50,3 @@ def test_a_run_writes_pdf_of_corner_plots_unless_more_is_asked_for() -> None:
     assert set(formats_of("fit", None, pdf=True)) == {"pdf", "png"}
     assert formats_of("fit", ["svg"], pdf=True) == ("svg", "pdf")
     assert formats_of("corner", ["svg"], pdf=False) == ("svg",)
-
-
-# Warnings

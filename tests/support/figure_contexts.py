@@ -62,9 +62,6 @@ CHANNELS = (
 V = Symbol("v", "V", "v", "mV", "supply")
 
 
-# Unknowns
-
-
 def unknowns(
     draws: Array, symbols: tuple[Symbol, ...], logs: Collection[str] = ()
 ) -> DisplayedUnknowns:
@@ -134,9 +131,6 @@ def refits(n: int, *, seed: int) -> list[Refit]:
     ]
 
 
-# Chains
-
-
 def chains(rho: float, n: int = 3, steps: int = 3000) -> Array:
     """First-order autoregressive, `(4, steps, 8, n)`; tau is `(1 + rho) / (1 - rho)`."""
     x = np.random.default_rng(3).standard_normal((4, steps, 8, n))
@@ -152,9 +146,6 @@ def ranks(n: int, moved: float, inches: float = DOUBLE) -> Figure:
     x[3, :, 0] += moved
     histograms = rank_histograms(x, np.random.default_rng(2))
     return drawn(rank_figure(histograms, SYMBOLS[:n], inches))
-
-
-# Fits
 
 
 def course(n: int, *, straight: bool = False) -> Course:
@@ -228,9 +219,6 @@ def frequency_response(n: int, inches: float = DOUBLE) -> Figure:
         error=np.full(100, 0.05),
     )
     return drawn(frequency_figure([response] * n, inches))
-
-
-# Several runs
 
 
 def models(n: int, n_unknowns: int, wide: float) -> list[RunSummary]:

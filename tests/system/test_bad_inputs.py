@@ -245,9 +245,6 @@ def messages() -> list[str]:
     return result.err.splitlines()
 
 
-# --- one mistake ---------------------------------------------------------------------------------
-
-
 def test_the_good_experiment_passes(here: Path) -> None:
     command_line.small_config(here)
     before = command_line.listing(here)
@@ -293,9 +290,6 @@ def test_a_config_given_with_its_folder_is_named_with_its_folder(tmp_path: Path)
     config = command_line.small_config(tmp_path / "rig", ("k_T: nominal", "k_t: nominal"))
     result = command_line.cli("check", os.path.relpath(config))
     assert result.err.startswith(f"{os.path.relpath(config)}:15: ")
-
-
-# --- several mistakes ----------------------------------------------------------------------------
 
 
 def test_all_mistakes_of_a_config_come_at_once(here: Path) -> None:
@@ -357,9 +351,6 @@ def test_all_mistakes_of_a_record_come_at_once(here: Path) -> None:
     assert "no column 'w1'" in text
 
 
-# --- misuse of the command line ------------------------------------------------------------------
-
-
 @run_cases(
     "arguments",
     [
@@ -390,9 +381,6 @@ def test_misuse_of_the_command_line_costs_nothing(
     before = command_line.listing(tmp_path)
     assert_a_message(command_line.cli(*arguments))
     assert command_line.listing(tmp_path) == before
-
-
-# --- files without an end ------------------------------------------------------------------------
 
 
 @run_cases("command", ["check", "init", "verify", "simulate"])

@@ -98,9 +98,6 @@ def study(finished: Calibration) -> CalibrationStudy:
     return calibrate.study(calibrate.prepare(finished.config))
 
 
-# --- one refit -----------------------------------------------------------------------------------
-
-
 def test_a_refit_depends_on_the_study_and_its_index_alone(
     finished: Calibration, study: CalibrationStudy
 ) -> None:
@@ -109,9 +106,6 @@ def test_a_refit_depends_on_the_study_and_its_index_alone(
     kept = {each.index: each for each in calibrate.saved(finished.folder / ".refits", study)}
     assert again == [kept[3], kept[1]]
     assert len({each.truth for each in kept.values()}) == 10
-
-
-# --- what it leaves, and how it goes on ----------------------------------------------------------
 
 
 def test_a_calibration_leaves_a_complete_folder_and_nothing_else(finished: Calibration) -> None:
@@ -234,9 +228,6 @@ def test_the_status_is_the_verdict(copy: Calibration) -> None:
     assert result.status == 3
     assert "not calibrated: ranks of" in result.out
     assert "(posterior too high)" in result.out
-
-
-# --- processes and clusters ----------------------------------------------------------------------
 
 
 @pytest.mark.slow

@@ -23,9 +23,6 @@ def checked(config: Path) -> str:
     return result.out
 
 
-# --- the record ----------------------------------------------------------------------------------
-
-
 def test_each_column_is_shown_as_the_file_has_it(tmp_path: Path) -> None:
     """So that swapped columns, wrong units and a wrong rate can be seen."""
     config = command_line.small_config(
@@ -96,8 +93,6 @@ def test_the_size_of_the_results_is_estimated_and_long_records_get_fewer_draws(
     assert "31 predictive draws of each ensemble" in out
     assert "not 125" in out
 
-
-# --- nominal values ------------------------------------------------------------------------------
 
 # Another rig than that of the paper: values and priors of its own, and no word of a table.
 OTHER: tuple[Change, ...] = (

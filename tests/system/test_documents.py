@@ -211,9 +211,6 @@ def test_make_alone_prints_its_targets() -> None:
         assert target == "help" or f"make {target}" in done.stdout, target
 
 
-# --- configs and other blocks --------------------------------------------------------------------
-
-
 YAML_SAFE = YAML(typ="safe", pure=True)
 
 
@@ -299,9 +296,6 @@ def test_the_reference_has_every_command_entry_and_function() -> None:
     assert all(f"`{name}`" in filled["entries"] for name in Config.model_fields)
     assert "| `walkers` | whole number" in filled["entries"]
     assert all(re.search(rf"\b(bayesdrill|bd)\.{name}\b", pages["api"]) for name in bd.__all__)
-
-
-# --- pages and the site --------------------------------------------------------------------------
 
 
 @pytest.mark.slow

@@ -35,9 +35,6 @@ def rows(path: Path) -> dict[str, dict[str, str]]:
         return {row["name"]: row for row in csv.DictReader(file)}
 
 
-# --- a joint run ---------------------------------------------------------------------------------
-
-
 def test_the_posterior_holds_what_the_records_were_made_with(finished: Path) -> None:
     """Within 4 sd, in SI; and it is much narrower than the prior."""
     summary = rows(finished / "summary.csv")
@@ -89,9 +86,6 @@ def test_the_maximum_predicts_every_experiment(tmp_path: Path) -> None:
     for name, truth in two_experiments.TRUTH.items():
         assert values[name] == pytest.approx(truth, rel=0.2)
     assert cli("verify", out).status == 0
-
-
-# --- simulated records ---------------------------------------------------------------------------
 
 
 def test_records_of_all_experiments_are_simulated_or_none(tmp_path: Path) -> None:
@@ -149,8 +143,6 @@ def test_refits_have_the_priors_of_the_run_and_no_measured_value(tmp_path: Path)
         assert not np.nansum(np.abs(other.experiment.y))
         assert np.array_equal(own.experiment.seen, other.experiment.seen)
 
-
-# --- experiments that are held out ---------------------------------------------------------------
 
 SIGMA = 0.1
 CONFIG = """\

@@ -55,9 +55,6 @@ def columns(path: Path) -> dict[str, Array]:
     return dict(zip(head, np.array(lines, dtype=float).T, strict=True))
 
 
-# --- what is kept --------------------------------------------------------------------------------
-
-
 def test_the_prediction_is_the_response_in_the_units_of_the_record(tmp_path: Path) -> None:
     """Oracle: the matrix exponential at the values of the maximum."""
     table = columns(best().save(tmp_path / "out") / "prediction.csv")
@@ -117,9 +114,6 @@ def rig(mapped: Path, tmp_path: Path) -> Path:
     return tmp_path / "rig"
 
 
-# --- whether a fit is believed -------------------------------------------------------------------
-
-
 def test_a_fit_that_must_not_be_believed_ends_with_status_3(tmp_path: Path) -> None:
     """As its posterior does; the report says so before it describes the fit."""
     config, out = command_line.small_config(tmp_path, WRONG_UNIT), tmp_path / "out"
@@ -135,9 +129,6 @@ def test_a_fit_that_must_not_be_believed_ends_with_status_3(tmp_path: Path) -> N
     assert loads_checksummed((out / "run.json").read_bytes())["reasons"] == list(maximum.reasons)
     assert best().reasons == ()
     assert "BELIEVE" not in best().table
-
-
-# --- why a fit is bad ----------------------------------------------------------------------------
 
 
 def advice(out: str) -> str:

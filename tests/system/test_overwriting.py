@@ -142,9 +142,6 @@ def test_results_never_replace_a_record_that_has_the_name_of_a_result(
             record.write_bytes(before)
 
 
-# --- identify ------------------------------------------------------------------------------------
-
-
 def write(folder: Path, name: str, text: str = "mine") -> Path:
     path = folder / name
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -4,7 +4,6 @@ import itertools
 from pathlib import Path
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 import xarray
@@ -12,7 +11,6 @@ from support import command_line
 from support.finished_runs import FIGURES, FILES, FinishedRun
 
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
-from bayesdrill.results.run_folder import seal
 from bayesdrill.sampling.proposal import learning
 from bayesdrill.tasks import pipeline
 
@@ -22,9 +20,6 @@ def fresh(folder: Path, *changes: tuple[str, str], processes: int = 1) -> Finish
     config = command_line.small_config(folder, *changes)
     result = command_line.posterior(config, folder / "out", processes=processes)
     return FinishedRun(config, folder / "out", result)
-
-
-# --- what a run leaves behind --------------------------------------------------------------------
 
 
 def test_a_run_leaves_a_complete_folder_and_nothing_else(drawn: FinishedRun) -> None:
@@ -61,9 +56,6 @@ def test_the_tree_has_the_groups_and_units_of_arviz(converged: FinishedRun) -> N
         assert np.all((k_e > 0.5 * 0.06016) & (k_e < 1.5 * 0.06016))
 
 
-# --- what a run repeats --------------------------------------------------------------------------
-
-
 def test_the_chain_does_not_depend_on_the_processes(converged: FinishedRun, tmp_path: Path) -> None:
     """And config and record are left as they were."""
     other = fresh(tmp_path, processes=2)
@@ -93,9 +85,6 @@ def test_a_report_made_again_says_the_same_times(
     report = command_line.cli("report", run.folder, "--processes", "1")
     assert report.status == 0, report.text
     assert (run.folder / "report.html").read_bytes() == page
-
-
-# --- when a run is believed ----------------------------------------------------------------------
 
 
 def test_a_run_that_did_not_converge_says_so(unconverged: FinishedRun) -> None:
@@ -132,9 +121,6 @@ def test_a_posterior_that_the_proposal_does_not_cover_is_not_believed(
     assert run.json["missed"] == 0.02
 
 
-# --- the command line ----------------------------------------------------------------------------
-
-
 def test_python_without_docstrings_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -146,24 +132,3 @@ def test_python_without_docstrings_is_refused(
     assert result.err.splitlines() == [
         "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
     ]
-
-
-def test_a_stuck_walker_keeps_a_run_from_being_believed(copy: FinishedRun) -> None:
-    """The last log density of a walker of each ensemble is raised, so that it accepts no proposal.
-
-    R-hat, autocorrelation times and effective draws are content with the chain that goes on.
-    """
-    with h5py.File(copy.folder / "chain.h5", "r+") as file:
-        for k in range(4):
-            last = file[f"ensemble_{k}"]["chain"][-1]
-            middle = np.argmin(np.abs(last / np.median(last, axis=0) - 1).max(axis=1))
-            file[f"ensemble_{k}"]["log_prob"][-1, middle] += 1e6
-            seal(file[f"ensemble_{k}"])
-    command_line.replace_text(copy.config, "ess: 100, max_steps: 500", "ess: 8000, max_steps: 1200")
-    result = command_line.posterior(copy.config, copy.folder, "--resume")
-    assert result.status == 3, result.text
-    assert "4 of 32 walkers (1 in ensemble 0, 1 in ensemble 1" in result.out
-    assert "stuck: the longest did not move for" in result.out
-    assert copy.json["steps"] == 1200
-    assert len(copy.json["reasons"]) == 1
-    assert "stuck" in (copy.folder / "summary.md").read_text()

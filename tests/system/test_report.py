@@ -35,9 +35,6 @@ def report(*arguments: str | Path) -> command_line.CommandResult:
     return cli("report", *arguments, "--processes", "1")
 
 
-# --- formats -------------------------------------------------------------------------------------
-
-
 def test_report_with_pdf_makes_every_figure_as_pdf_beside_its_png(
     drawn: FinishedRun, tmp_path: Path
 ) -> None:
@@ -52,8 +49,6 @@ def test_report_with_pdf_makes_every_figure_as_pdf_beside_its_png(
     assert {path.stem for path in figures.glob("*.pdf")} == stems
     assert all(path.read_bytes().startswith(b"%PDF") for path in figures.glob("*.pdf"))
 
-
-# --- tables and figures that fail ----------------------------------------------------------------
 
 BROKEN = {
     "figures/corner": "report.sections.corner.derived_shown",
@@ -106,8 +101,6 @@ def test_tables_and_figures_that_fail_are_named_and_all_others_are_made(
     assert result.out.splitlines()[-1].startswith(f"results: {run.folder}/")
 
 
-# --- runs to be reported, opened and laid over each other ----------------------------------------
-
 J_1 = "  j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
 HELD = [(J_1, "  j_1: nominal"), ("k_s: nominal", "k_s: {prior: normal, mean: 0.26, sd: 0.01}")]
 CHANGES = {
@@ -140,9 +133,6 @@ def runs(finished: Path, tmp_path: Path) -> Path:
 
 def run_json(folder: Path) -> dict[str, Any]:
     return loads_checksummed((folder / "run.json").read_bytes())
-
-
-# --- what `run.json` keeps -----------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -251,9 +241,6 @@ def test_a_derived_quantity_that_fails_is_tried_once(
     view = conclusions.concluded(dataclasses.replace(run, kept=None))
     assert view.derived.symbols == ()
     assert view.chain.errors.missing == ["derived quantities (ValueError: no product)"]
-
-
-# --- overlays ------------------------------------------------------------------------------------
 
 
 def table(folder: Path) -> list[dict[str, str]]:

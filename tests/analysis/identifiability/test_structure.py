@@ -76,8 +76,6 @@ def test_scaling_by_powers_of_two_rounds_nothing() -> None:
     assert np.array_equal(scaled_by_two(twice, (-1, 2, 0)), theta)
 
 
-# --- scales that depend on held numbers --------------------------------------------------------------
-
 SIGMA = np.array([0.02, 0.01, 0.05, 0.03])
 MECHANICAL = frozenset({"j_m", "c_m", "k_T", "k_s", "j_1", "t_f"})
 ELECTRICAL = frozenset({"k_T", "r_m", "l_m"})

@@ -112,9 +112,6 @@ def test_samples_that_a_late_input_leaves_undetermined_are_left_out(tmp_path: Pa
         assert any("after the end of the record (lag)" in note for note in experiment.told)
 
 
-# Noise.
-
-
 @pytest.mark.parametrize("kind", ["{name: ar1, rho: 0.5}", "{name: student_t, degrees: 4}"])
 def test_a_number_of_noise_that_is_held_needs_no_walkers(kind: str, tmp_path: Path) -> None:
     """With one unknown more, four walkers are too few (`mistakes.yaml`)."""
@@ -154,9 +151,6 @@ def test_an_impossible_true_correlation_is_refused(tmp_path: Path) -> None:
     assert ran.status == 2
     message = "1.5 is impossible; give a number between 0 and 1"
     assert f"simulation.truth.rho_w_1: {message}" in ran.err
-
-
-# A missing torque.
 
 
 def test_a_missing_torque_beside_friction_is_said_to_be_an_approximation(tmp_path: Path) -> None:

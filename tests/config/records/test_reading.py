@@ -102,9 +102,6 @@ def test_constant_inputs_start_at_zero_and_the_state_may_be_given(tmp_path: Path
     assert rate.t == pytest.approx(np.arange(50) / 250)
 
 
-# Times.
-
-
 def test_even_and_jittered_times_are_those_of_the_file(tmp_path: Path) -> None:
     for times, even in (
         (np.round(np.arange(240) / 300, 6), True),
@@ -114,9 +111,6 @@ def test_even_and_jittered_times_are_those_of_the_file(tmp_path: Path) -> None:
         experiment = read_measured(tmp_path)
         assert experiment.t.tolist() == [float(f"{x:.12g}") for x in times]
         assert experiment.uniform or not even
-
-
-# Missing samples.
 
 
 def test_missing_samples_are_left_out_on_request(tmp_path: Path) -> None:
@@ -157,9 +151,6 @@ def test_missing_samples_of_an_input_are_bridged_as_it_is_held(
         message = refused(tmp_path, v=f"{column}, missing: hold}}")
         assert f"at line {row + 2}" in message
         assert "record.window" in message
-
-
-# Windows.
 
 
 def test_between_several_windows_the_rig_goes_on(tmp_path: Path) -> None:

@@ -36,10 +36,6 @@ def test_the_trace_shows_the_medians_of_stretches_and_says_burn_in_once() -> Non
     for_each({"log": (frozenset(("r_m",)),), "plain": (frozenset(),)}, check)
 
 
-def dash(line: Line2D) -> tuple[float, ...]:
-    return tuple(line._unscaled_dash_pattern[1] or ())
-
-
 def test_an_ensemble_that_leaves_the_band_of_ranks_is_drawn_so() -> None:
     assert "leaves the band" not in legend_texts(ranks(4, 0.0))
     assert "leaves the band" in legend_texts(ranks(4, 1.0))
