@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, ORDER, by_expm
-from support.small_problems import experiment, posterior
+from support.small_problems import experiment, posterior, starts_believed
 
 import bayesdrill as bd
 from bayesdrill.analysis import plausibility
@@ -125,6 +125,7 @@ def test_friction_that_drives_the_motor_is_named_with_its_share_of_the_record() 
     assert of_course(-ahead, t_f=-NOMINAL["t_f"]) == ()
 
 
+@starts_believed()
 def problem_measuring(measures: str, i_m: float = 0.125, **priors: object) -> Problem:
     """Return one of one channel, of a rig whose parameters are held but for those with `priors`."""
     t, unit = np.linspace(0.0, 1.0, 21), "deg" if "theta" in measures else "rpm"

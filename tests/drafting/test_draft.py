@@ -154,35 +154,6 @@ def test_a_record_is_drafted_from_a_file_of_arrays(ending: str, tmp_path: Path) 
     assert draft["record"]["channels"]["motor"]["measures"] == "5 * w_2"
 
 
-def test_what_cannot_be_used_is_left_out_with_its_reason(tmp_path: Path) -> None:
-    columns = german_record()
-    n = len(columns["Zeit_ms"])
-    rng = np.random.default_rng(6)
-    more = {
-        "humidity": rng.normal(50, 1, n),
-        "WOB [N]": rng.normal(300, 5, n),
-        "theta_2 [counts]": rng.normal(0, 9, n),
-        "n_soll": rng.normal(0, 9, n),
-        "speed_set": np.full(n, 3.0),
-        "n_Last": np.gradient(columns["phi_Rotor_deg"], 0.005) / 6,
-    }
-    del columns["n_Rotor"]
-    draft = draft_of(write_table(tmp_path / "r.csv", {**columns, **more}))
-    channels = draft["record"]["channels"]
-    assert {*channels} == {"theta_1", "w_1", "motor"}
-    assert channels["w_1"]["derived_from"] == "theta_1"
-    assert "derived_from" not in channels["motor"]
-    unused = draft["words"].split("Not used:")[1].split("inputs:")[0].split(" - ")
-    for name, why in {
-        "humidity": "its name does not say",
-        "WOB [N]": "is a force",
-        "theta_2 [counts]": "does not say how far one of it turns",
-        "n_soll": "is a set point",
-    }.items():
-        (reason,) = (row for row in unused if name in row.partition(": ")[0])
-        assert why in reason, name
-
-
 def test_a_time_with_the_head_of_a_twist_does_no_harm(tmp_path: Path) -> None:
     """It grows evenly, so that its law leaves nothing of it at all."""
     head, *rows = (CONFIGS / "records" / "nominal_step.csv").read_text().splitlines()

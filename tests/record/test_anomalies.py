@@ -1,16 +1,12 @@
 """Spikes, stuck and clipped samples, turns and differences: detected where they are, and only there."""
 
 from itertools import product
-from pathlib import Path
 
 import numpy as np
-import pytest
 from scipy.signal import lfilter
 from support.case_tables import run_cases
 
 from bayesdrill.record import anomalies
-from bayesdrill.record.formats import FORMATS, format_of
-from bayesdrill.record.formats.table import RecordTable
 
 T = np.arange(2001) * 0.005
 RNG = np.random.default_rng(11)
@@ -175,10 +171,3 @@ def test_a_speed_that_was_measured_has_noise_of_its_own(
     angle: np.ndarray, speed: np.ndarray
 ) -> None:
     assert not anomalies.differenced(angle, speed, DT)
-
-
-def read(path: Path) -> RecordTable:
-    if not path.exists():
-        pytest.skip(f"{path.name} is not here")
-    file_format = FORMATS[format_of(path)]
-    return file_format.read(path, file_format.options(), None)

@@ -73,11 +73,8 @@ HARD: dict[str, Callable[[], Figure]] = {
     "autocorrelation": lambda: autocorrelation_figure(
         contexts.chains(0.9, 4, 400), SYMBOLS[:4], SINGLE
     ),
-    "residuals": lambda: contexts.residual_correlations(4, SINGLE),
-    "response": lambda: contexts.frequency_response(4, SINGLE),
     "fit of a channel": lambda: fit_figure(contexts.fit_of(1, 20), SINGLE),
     "fit of three channels": lambda: fit_figure(contexts.fit_of(3, 700, 2), SINGLE),
-    "predictive": lambda: contexts.predictive_checks(SINGLE),
     "invariants": invariants,
     "spectrum": spectrum,
     "record": lambda: record_figure(contexts.fit_of(2, 200, 1)),

@@ -178,19 +178,6 @@ def test_a_resumed_calibration_equals_one_without_interruption(
     assert summaries[0].read_bytes() == summaries[1].read_bytes()
 
 
-def test_results_are_neither_overwritten_nor_mixed(copy: Calibration) -> None:
-    before = command_line.listing(copy.folder)
-    assert_refused(copy.command(), "results exist already")
-    for old, new, message in (
-        ("draws: 19", "draws: 20", "calibration.draws"),
-        ("rad/s, sigma: 0.05", "rad/s, sigma: 0.06", "the noise"),
-    ):
-        replace_text(copy.config, old, new)
-        assert_refused(copy.resume(), message)
-        replace_text(copy.config, new, old)
-    assert command_line.listing(copy.folder) == before
-
-
 @run_cases(
     "old, new, message",
     [

@@ -1,6 +1,5 @@
 """The documents: commands and scripts run, configs are valid, statements are true of the program."""
 
-import csv
 import math
 import os
 import re
@@ -150,8 +149,7 @@ def test_the_numbers_of_one_motor_are_those_of_its_page(tree: Path, ran: set[str
     units = {"K": 180 / math.pi, "T": 1e3, "t_0": 1e3}  # units of the page per SI unit
     results = {}
     for name in ("one_motor", "one_motor_drift"):
-        with (tree / "results" / name / "summary.csv").open() as file:
-            rows = {row["name"]: row for row in csv.DictReader(file)}
+        rows = command_line.table(tree / "results" / name / "summary.csv")
         results[name] = {
             symbol: (unit * float(rows[symbol]["mean"]), unit * float(rows[symbol]["sd"]))
             for symbol, unit in units.items()

@@ -1,6 +1,5 @@
 """Several experiments in one config, from simulated records to reports; and experiments held out."""
 
-import csv
 import json
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 from support import two_experiments
 from support.case_tables import run_cases
-from support.command_line import assert_refused, cli, posterior, replace_text
+from support.command_line import assert_refused, cli, posterior, replace_text, table
 
 import bayesdrill as bd
 from bayesdrill.analysis.prediction import held_out
@@ -30,14 +29,9 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
-def rows(path: Path) -> dict[str, dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return {row["name"]: row for row in csv.DictReader(file)}
-
-
 def test_the_posterior_holds_what_the_records_were_made_with(finished: Path) -> None:
     """Within 4 sd, in SI; and it is much narrower than the prior."""
-    summary = rows(finished / "summary.csv")
+    summary = table(finished / "summary.csv")
     truth = {**bd.nominal(), **two_experiments.TRUTH}
     assert list(summary) == ["k_e", "j_1", "offset_theta_1", "lag_theta_1"]
     for name, row in summary.items():
@@ -74,18 +68,6 @@ def test_a_change_of_one_experiment_is_named_by_verify_and_resume(finished: Path
     resumed = posterior(*resume)
     record.write_text(text, encoding="utf-8")
     assert_refused(resumed, "the record of fast")
-
-
-def test_the_maximum_predicts_every_experiment(tmp_path: Path) -> None:
-    out = tmp_path / "map"
-    result = cli("map", two_experiments.write(tmp_path), "-o", out, "--processes", "1")
-    assert result.status == 0, result.text
-    names = {path.name for path in out.rglob("*.*")}
-    assert {"prediction_1.csv", "prediction_2.csv", "fit_1.pdf", "fit_2.pdf"} <= names
-    values = json.loads((out / "map.json").read_text(encoding="utf-8"))["values"]
-    for name, truth in two_experiments.TRUTH.items():
-        assert values[name] == pytest.approx(truth, rel=0.2)
-    assert cli("verify", out).status == 0
 
 
 def test_records_of_all_experiments_are_simulated_or_none(tmp_path: Path) -> None:

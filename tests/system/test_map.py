@@ -83,8 +83,7 @@ def test_a_maximum_of_arrays_is_kept_with_its_record(tmp_path: Path) -> None:
     assert bd.verify(out).together
     again = bd.load(out / "config.yaml").find_map()
     assert again.values == pytest.approx(best().values, rel=1e-6)
-    with (out / "map.csv").open(encoding="utf-8") as file:
-        rows = {row["name"]: row for row in csv.DictReader(file)}
+    rows = command_line.table(out / "map.csv")
     assert {name: float(row["map"]) for name, row in rows.items()} == dict(best().values)
     assert float(rows["k_s"]["nominal"]) == NOMINAL["k_s"]
     assert loads_checksummed((out / "map.json").read_bytes())["values"] == dict(best().values)

@@ -1,7 +1,6 @@
 """No command replaces a file that it reads, or one of others, under whatever name it is given."""
 
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import pytest
 from support import command_line, finished_runs
 from support.case_tables import run_cases
 from support.command_line import assert_refused_unchanged, cli, listing
+from support.finished_runs import copied
 from typer.main import get_command
 
 from bayesdrill import output_files
@@ -28,11 +28,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     result = cli("map", config, "-o", place / "map_run", "--processes", "1")
     assert result.status == 0, result.text
     return place
-
-
-def copied(finished: Path, tmp_path: Path) -> Path:
-    shutil.copytree(finished, tmp_path / "rig")
-    return tmp_path / "rig"
 
 
 def commands_and_inputs(command: str, home: Path) -> Iterator[tuple[list[str | Path], list[Path]]]:

@@ -248,11 +248,6 @@ def table(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def summary(folder: Path) -> dict[str, dict[str, str]]:
-    with (folder / "summary.csv").open(encoding="utf-8") as file:
-        return {row["name"]: row for row in csv.DictReader(file)}
-
-
 def test_the_table_of_an_overlay_is_that_of_its_runs(runs: Path) -> None:
     out = runs / "both"
     result = cli("report", runs / "plain", runs / "held", "-o", out)
@@ -260,7 +255,7 @@ def test_the_table_of_an_overlay_is_that_of_its_runs(runs: Path) -> None:
     rows = {(row["name"], row["run"]): row for row in table(out)}
     assert set(rows) == {(name, run) for name in ("k_e", "k_s", "j_1") for run in ("plain", "held")}
     for name, run in (("k_e", "plain"), ("k_e", "held"), ("j_1", "plain"), ("k_s", "held")):
-        own = summary(runs / run)[name]
+        own = command_line.table(runs / run / "summary.csv")[name]
         for column in ("mean", "sd", "hdi94_low", "hdi94_high", "nominal"):
             value = float(rows[name, run][column])
             assert value == pytest.approx(float(own[column]), rel=1e-12), column

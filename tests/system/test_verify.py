@@ -14,6 +14,7 @@ import xarray
 from support import command_line, finished_runs, forked_command
 from support.case_tables import run_cases
 from support.command_line import assert_refused, cli, posterior, renew_digests
+from support.finished_runs import copied
 
 import bayesdrill as bd
 from bayesdrill.config.job import prepare
@@ -32,12 +33,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
         result = finished_runs.posterior(tmp_path_factory, place, name, DRAWN, *changes)
         assert result.status == 0, result.text
     return place
-
-
-def copied(finished: Path, tmp_path: Path) -> Path:
-    """The rig and its runs, to be changed."""
-    shutil.copytree(finished, tmp_path / "rig")
-    return tmp_path / "rig"
 
 
 rig = pytest.fixture(copied, name="rig")

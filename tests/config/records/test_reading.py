@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.config_texts import RNG, SPEED, SUPPLY, T, load_measured, read_measured, save
+from support.config_texts import RNG, SPEED, SUPPLY, T, load_measured, read_measured, refused, save
 
-from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.config.assembly.problem import build_problem
 from bayesdrill.config.records import reading
@@ -45,12 +44,6 @@ def table(tmp_path: Path) -> np.ndarray:
     values = np.column_stack([times, angle, speeds, 8e3 + np.arange(50)])
     save_table(tmp_path, values)
     return values
-
-
-def refused(folder: Path, **entries: str) -> str:
-    with pytest.raises(InputError) as caught:
-        read_measured(folder, **entries)
-    return str(caught.value)
 
 
 def with_blanks(values: np.ndarray, *missing: int) -> list[str]:
