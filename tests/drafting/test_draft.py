@@ -169,6 +169,7 @@ BATCHES = [
 
 
 @pytest.mark.parametrize("batches", BATCHES)
+@starts_believed()
 def test_every_config_that_is_written_is_valid(batches: tuple[int, ...], tmp_path: Path) -> None:
     """Of spoilt records; a voltage that nobody has given is asked for, and nothing else is."""
     invalid, count, path = {}, 0, tmp_path / "r.csv"
@@ -215,6 +216,7 @@ def test_impossible_numbers_are_input_errors(name: str, tmp_path: Path) -> None:
         assert refusal(path, **{name: number})
 
 
+@starts_believed()
 def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     path = write_table(tmp_path / "r.csv", german_record())
     config = tmp_path / "r.yaml"
@@ -235,6 +237,7 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     assert command_line.cli("init", path, "--gear", 0.2, "--force").status == 2
 
 
+@starts_believed()
 def test_check_draws_the_record_of_each_experiment(tmp_path: Path) -> None:
     twice = {name: np.concatenate([x, x]) for name, x in RECORD.items()}
     draft_of(write_table(tmp_path / "r.csv", twice), split=True)
@@ -248,6 +251,7 @@ def test_check_draws_the_record_of_each_experiment(tmp_path: Path) -> None:
         case.draw_record(tmp_path / "seen.gif")
 
 
+@starts_believed()
 def test_a_data_sheet_becomes_the_nominal_table(tmp_path: Path) -> None:
     record, sheet = write_table(tmp_path / "r.csv", german_record()), tmp_path / "sheet.yaml"
     sheet.write_text(

@@ -50,12 +50,3 @@ def test_another_config_record_table_or_figure_is_found(tree: Path) -> None:
     other = "1" if lines[-1][-1] != "1" else "2"
     record.write_text("\n".join([*lines[:-1], lines[-1][:-1] + other]) + "\n")
     assert any("the record was" in line for line in results.stale(tree))
-
-
-def test_a_design_of_other_priors_or_without_its_table_is_found(tree: Path) -> None:
-    change(tree / "configs" / "nominal_step.yaml", "  c_m: {", "  c_m: 1.0e-3 #{")
-    (results.published(tree) / results.DESIGNED / "design.csv").unlink()
-    assert {*results.stale(tree)} >= {
-        "nominal_step_designed: parameters of coming.yaml is not that of nominal_step",
-        "nominal_step_designed: design.csv is missing",
-    }

@@ -11,8 +11,6 @@ from support.figure_checks import (
     TABLE,
     corner_panels,
     displayed,
-    drawn,
-    legend_texts,
     mode_of,
     posterior,
     si,
@@ -41,10 +39,6 @@ def line(panel: Axes, colour: object, *, upright: bool) -> float:
         if visible and candidate.get_color() == colour and list(along) == [0, 1]:
             return float(across[0])
     raise AssertionError(f"no line of {colour}")
-
-
-def value(label: str, u: float, *, log: bool) -> float:
-    return si(label, 10.0**u if log else u)
 
 
 def test_nominal_values_and_the_map_are_at_their_places() -> None:
@@ -89,14 +83,3 @@ def test_a_flat_density_has_no_contour_and_a_histogram_ends_where_its_prior_does
         assert low[0] * (1 - 1e-9) <= first < last <= high[0] * (1 + 1e-9)
         if flat:
             assert counts[[0, -1]].min() > 0.7 * np.median(counts)
-
-
-def test_a_nominal_value_off_the_axis_is_pointed_at() -> None:
-    draws = posterior(500, 1e-5)[:, [0, 9]] * np.array([1.2, 1.0])
-    figure = drawn(corner_figure(draws, displayed((SYMBOLS[0], SYMBOLS[9]), TABLE, {}, {})))
-    first, _, last = figure.axes
-    assert [c.get_marker() for c in first.get_lines()] == ["<"]
-    assert len(last.get_lines()) == 0  # sigma_w_1 has no nominal value
-    texts = legend_texts(figure)
-    assert "nominal value, off the axis" in texts
-    assert not {"nominal value", "prior", "MAP"} & set(texts)
