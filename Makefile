@@ -88,7 +88,7 @@ format: $(READY)
 	@$(BIN)/ruff format .
 
 bench: $(BENCH_READY)
-	@$(BENCH)/python -m pytest -q tests/benchmarks/test_bench.py
+	@$(BENCH)/python -m pytest -q benchmarks/tests/test_bench.py
 	@$(BENCH)/python -m benchmarks.bench
 
 bench-growth: $(BENCH_READY)

@@ -46,9 +46,6 @@ def verdict(ranks: np.ndarray, n_draws: int = L, **failures: int) -> Calibration
     return judge_calibration(names, refits(ranks, **failures), n_draws)
 
 
-# --- bands of ranks ----------------------------------------------------------------------------------
-
-
 @run_cases("false_alarm", [0.02, 0.2, 0.5])
 def test_the_chance_to_leave_a_band_is_that_over_all_possible_ranks(false_alarm: float) -> None:
     """Of five ranks among four draws, all of them counted."""
@@ -79,9 +76,6 @@ def test_ties_are_broken_evenly() -> None:
     counts = np.bincount([rank(1.0, draws, rng) for _ in range(4000)], minlength=11)
     assert counts.sum() == counts[2:6].sum()
     assert np.all(abs(counts[2:6] - 1000) < 4 * np.sqrt(750))
-
-
-# --- the verdict -------------------------------------------------------------------------------------
 
 
 def conjugate(

@@ -216,8 +216,6 @@ def test_a_rig_that_changes_shows_from_window_to_window(tmp_path: Path) -> None:
     assert "k_e from " in wandering(causes)
 
 
-# --- a torque that is late, of a shaft whose upper end is turned -------------------------------------
-
 SHAFT = """\
 name: shaft
 seed: 4
@@ -263,11 +261,6 @@ def test_a_torque_that_is_late_is_named(
     check_words(causes, best)
 
 
-def test_inputs_that_are_in_time_leave_nothing_to_explain(tmp_path: Path) -> None:
-    assert causes_of(bd.load(shaft(tmp_path, 0))) is None
-    assert describe_causes(None) == ""
-
-
 @some_or_all("free_start", "friction_rotor_1", "damping_shaft", "offset_theta_1")
 def test_friction_shows_once_a_rig_moves_from_its_start(
     parts: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
@@ -307,9 +300,6 @@ def test_an_offset_and_dry_friction_of_a_motor_that_turns_one_way_are_not_recomm
     assert causes.best.parts in {("offset_w_motor",), ("offset_u_motor",), ("friction_motor",)}
     (both,) = (c for c in causes.ranked if {*c.parts} == {"offset_w_motor", "offset_u_motor"})
     assert ("alike", {*both.words}) in [(each.kind, {*each.said_of}) for each in both.doubts]
-
-
-# --- which cause is the best -------------------------------------------------------------------------
 
 
 def cause(bayes: float, *parts: str) -> Cause:

@@ -35,8 +35,6 @@ from bayesdrill.report.sections.nominal import repeats_sentence, repeats_table
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.linear import Response
 
-# --- the word that the evidence of several models has ------------------------------------------------
-
 GIVEN = model("given", 0.0)
 FRICTION, RED = {"rig": "rubbing"}, {"noise": "ar1"}
 BOTH = {**FRICTION, **RED}
@@ -110,22 +108,12 @@ def test_models_that_must_not_be_believed_are_named_with_the_reasons() -> None:
     assert "BELIEVE best" not in text
 
 
-# --- distances between posteriors --------------------------------------------------------------------
-
-
 def layer(name: str, shift: float = 0.0, stretch: float = 1.0, **settings: str) -> PosteriorSummary:
     """Return draws that are moved by `shift` sds, and stretched about their means."""
     x = figure_draws(3000)[:, :9]
     mean, sd = x.mean(axis=0), x.std(axis=0, ddof=1)
     draws = mean + stretch * (x - mean) + shift * sd
     return PosteriorSummary(name=name, mark=name, problem=problem(), draws=draws, settings=settings)
-
-
-def test_a_run_has_no_distance_from_itself() -> None:
-    rows = overlay_rows([layer("a"), layer("a")])
-    assert [row.symbol.name for row in rows] == list(problem().names)
-    assert all(row.distance == 0.0 and row.pair == (0, 1) for row in rows)
-    assert all(row.agreed == problem().nominal[row.symbol.name] for row in rows)
 
 
 @run_cases("shift, stretch", [(2.0, 1.0), (-0.7, 1.0), (3.0, 4.0)])
@@ -151,8 +139,6 @@ def test_settings_that_are_not_the_same_everywhere_are_named() -> None:
     assert differing(layers) == {"k_s": ("normal", None), "k_e": (None, "held")}
     assert differing([layer("a", seed="1"), layer("b", seed="1")]) == {}
 
-
-# --- experiments with one rig ------------------------------------------------------------------------
 
 SIGMA, FREE = 0.05, ("k_e", "k_s", "j_1")
 MEASURES = {"w_1": {"w_1": 1.0}, "w_2": {"w_2": 1.0}}

@@ -35,8 +35,6 @@ from bayesdrill.inference.priors import (
 
 Array = NDArray[np.float64]
 
-# --- draws at an end of their prior ------------------------------------------------------------------
-
 U = (np.arange(4000) + 0.5) / 4000
 EXPONENTIAL = -np.log(U)
 BOX = Uniform(0.5, 1.5)
@@ -98,9 +96,6 @@ def test_an_end_that_cuts_draws_off_at_the_nominal_value_is_found(
     assert end_at_nominal(draws, prior, 1.0) == end
 
 
-# --- ranks of ensembles ------------------------------------------------------------------------------
-
-
 def ensembles(seed: int, n: int = 600, unknowns: int = 2) -> Array:
     return np.random.default_rng(seed).standard_normal((4, n, unknowns))
 
@@ -136,9 +131,6 @@ def test_equal_ensembles_leave_the_band_as_often_as_is_said() -> None:
     assert 0 < alarms < 12
 
 
-# --- dependence on priors ----------------------------------------------------------------------------
-
-
 def row(name: str, word: Word) -> ParameterRow:
     fields = {field.name: 1.0 for field in dataclasses.fields(ParameterRow)}
     return ParameterRow(**fields | {"name": name, "unit": "1", "word": word})  # type: ignore[arg-type]
@@ -171,8 +163,6 @@ def test_only_what_is_called_determined_depends_on_a_prior(partner: Word, word: 
     draws = np.stack([A, A + 0.01 * NOISE], axis=1)
     assert prior_dependence([row("a", partner), row("x", word)], draws) == {}
 
-
-# --- sandwich sds ------------------------------------------------------------------------------------
 
 N, SIGMA, FREE = 600, np.array([0.02, 0.1]), ("k_s", "j_1", "k_e")
 AT = np.array([NOMINAL[name] for name in FREE])

@@ -82,8 +82,6 @@ def test_the_torque_is_drawn_described_and_written() -> None:
     assert torque_csv([]) is None
 
 
-# --- the law that it follows -------------------------------------------------------------------------
-
 T = np.linspace(0.0, 10.0, 2001)
 W_1, W_2 = 5 * np.sin(2.0 * T) + 2 * np.sin(5.1 * T), 3 * np.cos(1.7 * T) + 1.0
 THETA_1, THETA_2 = np.cumsum(W_1) * T[1], np.cumsum(W_2) * T[1]
@@ -162,9 +160,6 @@ def test_a_torque_that_follows_no_law_is_said_to() -> None:
     text = law_sentences(torque_summary(estimate), RIG)
     assert "follows no speed" in text
     assert regress_torque(dataclasses.replace(estimate, expected=np.zeros(len(T)))) == ()
-
-
-# --- what it can replace -----------------------------------------------------------------------
 
 
 def test_identify_says_what_a_missing_torque_can_replace_and_what_would_help() -> None:

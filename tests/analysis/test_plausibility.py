@@ -1,23 +1,20 @@
 """Warnings of implausible values and priors, against numbers that can be worked out by hand."""
 
 import dataclasses
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from support import command_line
 from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, ORDER, by_expm
-from support.small_problems import experiment, posterior
+from support.small_problems import experiment, posterior, starts_believed
 
 import bayesdrill as bd
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.identifiability.information import Information, SensitivityStudy
 from bayesdrill.analysis.plausibility import DiffusePrior, diffuse_priors
 from bayesdrill.basics import symbols
-from bayesdrill.config.job import prepare
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import (
     HalfNormal,
@@ -128,6 +125,7 @@ def test_friction_that_drives_the_motor_is_named_with_its_share_of_the_record() 
     assert of_course(-ahead, t_f=-NOMINAL["t_f"]) == ()
 
 
+@starts_believed()
 def problem_measuring(measures: str, i_m: float = 0.125, **priors: object) -> Problem:
     """Return one of one channel, of a rig whose parameters are held but for those with `priors`."""
     t, unit = np.linspace(0.0, 1.0, 21), "deg" if "theta" in measures else "rpm"
@@ -172,34 +170,6 @@ def test_a_nominal_value_far_outside_its_prior_is_named() -> None:
     near = problem_measuring("w_2", j_1={**prior, "mean": 1.5 * NOMINAL["j_1"]})
     assert list(plausibility.plausibility_of_priors(near)) == []
 
-
-@run_cases("parameters, own", [("c_m: 0.1", "j_m"), ("c_m: PRIOR", "c_m")])
-def test_a_parameter_of_each_experiment_is_checked_without_a_table(
-    parameters: str, own: str, tmp_path: Path
-) -> None:
-    """For a motor alone there is none."""
-    prior, t = "{prior: log_uniform, low: 0.005, high: 0.3}", np.arange(60) * 0.02
-    for label, size in (("a", 1.0), ("b", 2.0)):
-        rows = np.stack([t, 0.01 * size * t, size * np.sin(t)], axis=-1)
-        np.savetxt(tmp_path / f"{label}.csv", rows, delimiter=",", header="t,theta,u", comments="")
-    (tmp_path / "own.yaml").write_text(
-        "name: own\nseed: 1\nrecord: {time: {column: t, unit: s}, channels: "
-        "{theta_2: {column: theta, unit: rad, sigma: 0.01}}}\n"
-        "inputs: {t_m: {column: u, unit: N*m}}\n"
-        "experiments: {a: {record: {file: a.csv}}, b: {record: {file: b.csv}}}\n"
-        f"own: [{own}]\nmodel: {{name: motor}}\n"
-        f"parameters: {{j_m: {prior}, {parameters.replace('PRIOR', prior)}}}\n"
-    )
-    run = command_line.cli("check", tmp_path / "own.yaml")
-    assert run.status == 0, run.text
-    assert f"{own}_a" in run.out
-    assert f"{own}_b" in run.out
-    found = plausibility.plausibility_of_nominal(prepare(tmp_path / "own.yaml").problem)
-    texts = finding_sentences(found)
-    assert len({*texts}) == len(texts)
-
-
-# --- priors that are too wide for an evidence --------------------------------------------------------
 
 SHARP = 0.05 * (1.0 + 0.01 * np.random.default_rng(6).standard_normal(4000))
 UNMOVED = LogUniform(1e-3, 1e1).quantile(np.random.default_rng(7).random(4000))

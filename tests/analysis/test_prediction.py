@@ -138,9 +138,6 @@ def test_a_noise_has_memory_if_its_samples_are_correlated(noise: object, memory:
     assert has_memory(target.likelihood.only_observation, theta) == memory
 
 
-# --- where each sample lies in its own prediction ----------------------------------------------------
-
-
 def test_each_sample_is_predicted_without_itself() -> None:
     target, y = case(n=8), residuals(8)
     theta = draws(ALL[:8], 40_000)
@@ -182,8 +179,6 @@ def test_a_long_record_is_thinned_from_end_to_end() -> None:
     assert result.holds
     assert result.band.counts(result.ranks)[-1] <= 2000
 
-
-# --- how inputs move channels by frequency -----------------------------------------------------------
 
 M, DT = 3600, 0.01  # in segments of 800: frequencies are multiples of 1/8 Hz
 MEASURES = {"theta_1": {"theta_1": 1.0, "theta_2": -1.0}, "w_2": {"w_2": 1.0}}

@@ -81,15 +81,3 @@ def test_a_record_says_what_is_odd_in_it(
     name: str, of: Experiment, unknowns: tuple[str, ...], expected: list[str]
 ) -> None:
     assert kinds(of, *unknowns) == expected
-
-
-def test_sentences_name_the_columns_and_a_remedy() -> None:
-    one_way = record(STEPS, w_2=FORWARD)
-    (sentence,) = finding_sentences(findings_of_record(one_way, MotorShaft(), ("offset_v", "t_f")))
-    assert "w_2 never turns back, so offset_v cannot be told from t_f" in sentence
-    (sentence,) = finding_sentences(findings_of_record(record(SQUARE, w_2=SLOW), MotorShaft()))
-    assert "holds each value for 4 rows" in sentence
-    assert "decimate: {factor: 4, filter: false}" in sentence
-    (sentence,) = finding_sentences(findings_of_record(record(SQUARE, w_2=-BOTH), MotorShaft()))
-    assert "w_2 goes against v" in sentence
-    assert "gain: -1 at v" in sentence

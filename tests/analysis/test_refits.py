@@ -10,10 +10,8 @@ from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
-from bayesdrill.analysis import refits
 from bayesdrill.analysis.refits import RefitMaximum, measured_samples, refit_candidate
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.sampling.gauss_newton import gauss_newton
 
 T = 0.01 * np.arange(200)
 FREE = {"prior": "log_uniform", "low": 1e-3, "high": 10.0}
@@ -126,24 +124,6 @@ def test_a_refit_that_cannot_reach_its_rival_is_not_finished(above: float, finis
     assert (alone.finished, result.finished) == (True, finished)
     assert (result.values == alone.values) == finished
     assert result.log_z == pytest.approx(alone.log_z)
-
-
-@run_cases("above, begun", [(-1.0, True), (1.0, False)])
-def test_a_refit_of_a_part_that_promises_too_little_is_not_begun(above: float, begun: bool) -> None:
-    """At the maximum no step gains anything, so that a rival which is more probable is not reached."""
-    posterior = hub(5.0 * np.sign(np.sin(7.0 * T)), HUB, UNKNOWN)
-    best = refit(posterior, posterior.space.start)
-    steps = list[int]()
-
-    def counted(surface: Any, rows: Any, most: int, **options: Any) -> Any:
-        steps.append(most)
-        return gauss_newton(surface, rows, most, **options)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(refits, "gauss_newton", counted)
-        result = refit(posterior, best.values, best.values, {}, (), best.log_z + above)
-    assert (max(steps) > 0, result.finished) == (begun, begun)
-    assert result.log_z == pytest.approx(best.log_z)
 
 
 @run_cases("high, at_end", [(0.1, True), (10.0, False)])

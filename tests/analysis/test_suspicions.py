@@ -17,14 +17,12 @@ from bayesdrill.analysis import suspicions
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.suspicions import half_sample_shift, suspicions_of_problem
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.report.findings import finding_sentences
 from bayesdrill.rig import MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
-from bayesdrill.tasks.conclusions import SampledRun, concluded
 
 CONFIGS = [*(ROOT / "configs").glob("*.yaml"), *(ROOT / "configs" / "paper").glob("*.yaml")]
 DEGREE, RPM = np.pi / 180, np.pi / 30
@@ -55,8 +53,6 @@ def kinds(of: Experiment, *factors: float) -> list[str]:
 def test_nothing_is_suspected_of_the_bundled_records(path: Path) -> None:
     assert tuple(suspicions_of_problem(bd.load(path).job.problem)) == ()
 
-
-# --- sound columns, and the same ones spoilt ---------------------------------------------------------
 
 TIMES = np.arange(2001) * 0.005
 NOISE = 0.01 * np.random.default_rng(5).standard_normal(len(TIMES))
@@ -124,9 +120,6 @@ def test_an_angle_that_is_wrapped_into_one_turn_shows(unit: float) -> None:
     assert kinds(experiment(TIMES, theta_1=SWING + spike)) == []
 
 
-# --- half a sample of an input -----------------------------------------------------------------------
-
-
 def test_half_a_sample_moves_what_a_late_step_moves() -> None:
     """Against the fit of a record whose step was given half a sample late, to first order."""
     values, free = {**NOMINAL, "t_f": 1e-3}, ("j_m", "k_e", "k_s", "j_1")
@@ -147,24 +140,3 @@ def test_half_a_sample_moves_what_a_late_step_moves() -> None:
     sds = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
     for (name, value), expected in zip(shift.shifts, np.log(moved / theta) / sds, strict=True):
         assert value == pytest.approx(expected, rel=0.5, abs=0.3), name
-
-
-def test_half_a_sample_is_mentioned_only_where_the_fit_is_noise() -> None:
-    t = np.linspace(0.0, 2.0, 81)
-    exact = bd.respond("motor_shaft", NOMINAL, t, {"v": 8.0}, "w_1")["w_1"]
-    noise = 0.05 * np.random.default_rng(6).standard_normal(len(t))
-    box = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-    case = bd.case(
-        t,
-        channels={"w_1": bd.Channel(exact + noise, "rad/s", 0.05)},
-        inputs={"v": 8.0},
-        parameters=dict.fromkeys(NOMINAL, "nominal") | {"l_m": box},
-        sampler={"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100},
-    )
-    run = case.sample(seed=3)
-    assert [note for note in run._view.notes if "timing: if the inputs act half a sample" in note]
-    noisier = run.job.problem.posterior.edit(records=[(exact + 9.0 * noise)[:, None]])
-    job = replace(run.job, problem=replace(run.job.problem, posterior=noisier))
-    view = concluded(SampledRun(job, run.mode, run.sampled), alone=False)  # no causes are sought
-    assert not like_noise(view.analysis.fit)
-    assert not [note for note in view.notes if "half a sample" in note]

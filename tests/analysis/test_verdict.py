@@ -50,9 +50,6 @@ RNG = np.random.default_rng(7)
 VALUES = np.array([*TABLE.values()])
 
 
-# --- tensions and bits -------------------------------------------------------------------------------
-
-
 @run_cases("z", [0.3, 1.0, 2.4, 4.0, 12.0])
 def test_the_tension_of_a_normal_posterior_is_its_z(z: float) -> None:
     for side in (-z, z):
@@ -103,9 +100,6 @@ def test_bits_gained_are_the_difference_of_entropies() -> None:
         assert gained == pytest.approx(nats / math.log(2), abs=0.1)
     assert bits_gained(RNG.normal(0.0, 1.0, N), normal) < 0.05
     assert bits_gained(RNG.normal(0.0, 0.5, N), normal) == pytest.approx(0.459, abs=0.05)
-
-
-# --- the word of each quantity -----------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -213,9 +207,6 @@ def test_both_tables_have_one_word_for_one_unknown(word: str) -> None:
     without_symmetry = dataclasses.replace(result, parameters=seen)
     weaker = "weak" if word == "determined" else word
     assert reconciled_words(without_symmetry, "k_s") == [weaker]
-
-
-# --- tolerances in a config --------------------------------------------------------------------------
 
 
 def tolerances(entry: object) -> dict[str, float]:

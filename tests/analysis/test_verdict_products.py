@@ -3,14 +3,10 @@
 Of each rig the posterior of a record is exact: Gaussian in the logs, by the information of its study.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from support import document_blocks
 from support.linear_study import off_by
 
-import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
 from bayesdrill.analysis.verdict import Verdict, basis, judge
@@ -18,13 +14,6 @@ from bayesdrill.config.job import Job
 from bayesdrill.config.schema.config import IdentifySpec
 from benchmarks.rates import simulated_posteriors
 from benchmarks.zoo import entries as e
-
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulated_servo"
-TRUTH = {
-    "j_m": 4.5e-6, "c_m": 2e-6, "k_e": 0.02, "r_m": 1.8, "l_m": 0.6e-3, "k_s": 0.9, "j_1": 2.4e-3,
-    "c_s": 8e-4, "t_cm": 2.5e-3, "t_c1": 6e-3, "t_s1": 0.012, "w_s1": 0.3,
-    "offset_v": -0.06, "lag_alpha": 3.3e-3, "sigma_theta_2": 5e-4, "sigma_alpha": 5e-4,
-}  # fmt: skip
 
 
 def up_to(high: float) -> e.Entry:
@@ -104,20 +93,3 @@ def test_a_value_of_the_table_that_is_off_disagrees(rig: IdentifiabilityStudy) -
     assert len(shown) >= 5
     assert [name for name in shown if verdict(rig, **{name: 0.1}).agrees] == []
     assert verdict(rig).agrees
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not SHARED.is_dir(), reason="records that do not come with the project")
-def test_a_servo_that_rubs_contradicts_a_table_whose_motor_is_too_heavy(tmp_path: Path) -> None:
-    """j_m/j_1 is known to less than 0.1 %, beside frictions and damping that no table names."""
-    text = document_blocks.files(document_blocks.DOCS / "rigs.md")["three_records.yaml"]
-    for name in ("square", "sweep", "slow"):
-        text = text.replace(f"{name}.csv", str(SHARED / f"{name}.csv"))
-    (tmp_path / "three.yaml").write_text(text)
-    servo = study(bd.load(tmp_path / "three.yaml").job, TRUTH)
-    result = verdict(servo, j_m=1 / 1.3 - 1.0)
-    assert len(result.products) == 6
-    assert not result.agrees
-    assert result.joint is not None
-    assert result.joint > 100
-    assert verdict(servo).agrees

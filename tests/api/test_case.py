@@ -1,7 +1,5 @@
 """Cases of arrays and of configs: the same posterior, mistakes with their names, and their jobs."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -39,9 +37,6 @@ def test_a_log_density_at_values_that_do_not_fit_the_unknowns_is_refused() -> No
     assert places == ["values.k_q", "values.k_s", "values.t_f"]
     with pytest.raises(bd.InputError, match="and equally many"):
         two().log_density({"k_s": [0.3, 0.31], "t_f": [0.1, 0.1, 0.1]})
-
-
-# --- mistakes ----------------------------------------------------------------------------------------
 
 
 MASKED = np.ma.masked_greater(np.where(T[3] == T, 9999.0, np.sin(T)), 9000.0)
@@ -105,9 +100,6 @@ def test_a_wrong_start_of_sampling_or_nominal_table_is_refused() -> None:
         bd.nominal("tables_2_4")
 
 
-# --- files -------------------------------------------------------------------------------------------
-
-
 def test_a_case_of_a_config_does_what_the_commands_do(tmp_path: Path) -> None:
     """With the same words, the same folders and the same refusals."""
     config, out = command_line.small_config(tmp_path / "rig"), tmp_path / "out"
@@ -146,17 +138,3 @@ def test_a_config_is_simulated_and_calibrated_before_anything_is_measured(tmp_pa
     with pytest.raises(bd.InputError, match="exclude each other"):
         calibration.run(resume=True, force=True)
     assert '"motor_shaft"' in bd.schema()
-
-
-# --- the package -------------------------------------------------------------------------------------
-
-
-def test_the_package_loads_what_it_offers_when_it_is_asked_for() -> None:
-    assert {"load", "case", "open", "respond", "MotorShaft"} <= set(dir(bd))
-    assert all(getattr(bd, name) is not None for name in dir(bd))
-    assert not [name for name in dir(bd) if (ROOT / "bayesdrill" / name).exists()]  # of a folder
-    with pytest.raises(AttributeError, match="it has"):
-        bd.posterior  # noqa: B018
-    code = "import sys, bayesdrill; print('numpy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"

@@ -36,9 +36,6 @@ def best() -> bd.Best:
     return bd.Best(run().job, run().mode, run().columns)
 
 
-# --- results -----------------------------------------------------------------------------------------
-
-
 def test_a_run_says_what_it_estimates() -> None:
     judged = run().judge()
     rows = {row["name"]: row for row in judged.rows}
@@ -99,9 +96,6 @@ def test_a_figure_that_fails_is_named_when_a_run_is_saved(
     assert warnings[0].filename == __file__
     assert (folder / "summary.csv").exists()
     assert run().save(tmp_path / "again").exists()  # what could be made this time is not missing
-
-
-# --- in other processes ------------------------------------------------------------------------------
 
 
 def results() -> dict[str, Any]:
@@ -183,8 +177,6 @@ def test_an_error_is_the_same_after_pickling() -> None:
     assert back.problems == error.value.problems
 
 
-# --- in threads --------------------------------------------------------------------------------------
-
 THREADS = 3
 TIMED = ("run.json", "posterior.nc")  # the time at which they were made stands in them
 
@@ -221,17 +213,6 @@ def test_threads_that_save_at_once_write_the_same_files_as_one(tmp_path: Path) -
         assert files.keys() == alone.keys()
         assert {name for name in alone if files[name] != alone[name]} <= {*TIMED}
     assert bd.verify(folders[0]).together
-
-
-def test_one_of_several_threads_saves_to_a_folder(tmp_path: Path) -> None:
-    """The others are told that it is taken, and write nothing."""
-    answers = save_at_once([tmp_path / "mine"] * THREADS)
-    refusals = [str(one) for one in answers if isinstance(one, bd.InputError)]
-    assert len(refusals) == THREADS - 1
-    for text in refusals:
-        assert "another run is writing here" in text or "results exist already" in text
-    assert bd.verify(tmp_path / "mine").together
-    assert not [*(tmp_path / "mine").rglob("*.aside*")]
 
 
 def test_one_thread_draws_at_a_time() -> None:

@@ -1,7 +1,6 @@
 """Citations are as their authors ask for; `citation.bib` and `CITATION.cff` hold the same works."""
 
 import re
-import tomllib
 
 from ruamel.yaml import YAML
 from support.command_line import ROOT, cli
@@ -43,18 +42,3 @@ def test_both_files_cite_this_version_and_the_same_works() -> None:
         assert reference["title"] == entry["title"]
         assert (str(reference["year"]), reference.get("doi")) == (entry["year"], entry.get("doi"))
         assert len(reference["authors"]) == entry["author"].count(" and ") + 1
-
-
-def test_the_cff_file_has_what_its_format_requires() -> None:
-    """CFF 1.2.0: its keys, words and forms of values."""
-    assert {"cff-version", "message", "title", "authors"} <= {*CFF}
-    assert (CFF["cff-version"], CFF["type"]) == ("1.2.0", "software")
-    assert re.fullmatch(r"\d{4}-\d\d-\d\d", CFF["date-released"])
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert (CFF["license"], CFF["authors"]) == (project["license"], project["authors"])
-    assert CFF["abstract"].rstrip(".") == project["description"]
-    for reference in CFF["references"]:
-        assert {"type", "title", "authors"} <= {*reference}
-        assert reference["type"] in ("article", "conference-paper")
-        assert re.fullmatch(r"10\.\d{4,9}/\S+", reference.get("doi", "10.1000/none"))
-        assert all({"family-names"} < {*author} for author in reference["authors"])

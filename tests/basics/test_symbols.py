@@ -81,10 +81,3 @@ def test_the_documents_have_a_row_for_every_parameter(name: str) -> None:
         assert adds
         assert {*re.findall(r"`(\w+)`", hidden_by)} & {*symbols.PARAMETERS} - {name}
     assert meaning == symbol.meaning
-
-
-def test_a_product_of_symbols_is_a_fraction_in_latex() -> None:
-    three = [symbols.PARAMETERS[name] for name in ("k_T", "r_m", "k_s")]
-    assert symbols.product_latex((1, -1, -1), three) == r"k_T/(r_m\,k_s)"
-    assert symbols.product_latex((0, 2, -1), three) == r"r_m^{2}/k_s"
-    assert symbols.product_latex((0, 0, -1), three) == r"1/k_s"

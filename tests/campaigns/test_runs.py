@@ -115,9 +115,3 @@ def test_overrides_change_entries_as_an_experiment_does_and_null_removes_one() -
     changes = {"v": {"value": 3}, "record": {"window": None, "unit": "ms"}}
     assert overridden(common, changes) == {"v": {"value": 3}, "record": {"unit": "ms"}}
     assert common["record"] == {"window": [0, 2], "unit": "s"}
-
-
-def test_a_run_that_lacks_an_unknown_of_the_others_is_named(tmp_path: Path) -> None:
-    path = campaigns.campaign(tmp_path)
-    path.write_text(campaigns.CAMPAIGN + "overrides: {run_5: {parameters: {j_1: nominal}}}\n")
-    assert_refused(cli("check", path), "run run_5 (", "has no unknown j_1, as other runs have")

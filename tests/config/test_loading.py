@@ -4,10 +4,9 @@ from pathlib import Path
 
 from support.case_tables import run_cases
 from support.command_line import ROOT
-from support.config_texts import write, write_composed
+from support.config_texts import write
 from support.described_rigs import LINEAR, ROTARY, save_records
 
-from bayesdrill.config import loading
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.results import provenance
 
@@ -60,13 +59,3 @@ def test_the_fingerprint_names_what_decides_a_chain(
     given = fingerprint(prepare(CONFIGS / "nominal_step.yaml"))
     changed = fingerprint(prepare(write(tmp_path, BUNDLED, (old, new))))
     assert {key for key in {**given, **changed} if given.get(key) != changed.get(key)} == {name}
-
-
-def test_a_rig_that_rubs_takes_fewer_walkers_by_default(tmp_path: Path) -> None:
-    def walkers(line: str, sampler: str) -> int:
-        path = write_composed(tmp_path, line, sampler=sampler)
-        return loading.load(path).config.sampler.walkers
-
-    assert walkers("c_s: 0.01", "{ensembles: 5}") == 256
-    assert walkers("t_c1: 0.1", "{ensembles: 5}") == 96
-    assert walkers("t_c1: 0.1", "{walkers: 256}") == 256

@@ -9,8 +9,6 @@ import functools
 import inspect
 from pathlib import Path
 
-from support.case_tables import run_cases
-
 import bayesdrill
 from bayesdrill.inference import priors
 from bayesdrill.inference.likelihood import LatentTorqueObservation, Observation
@@ -118,27 +116,6 @@ def test_nobody_asks_a_member_which_one_it_is() -> None:
     new = {place: line for place, line in asking.items() if place not in ALLOWED}
     assert [f"{file}:{line}: {call}" for (file, call), line in new.items()] == []
     assert ALLOWED.keys() <= asking.keys()
-
-
-@run_cases(
-    "code",
-    [
-        "isinstance(x.response, Stepped)",
-        "isinstance(x, White | AR1)",
-        "isinstance(x, (likelihood.LatentTorqueObservation, int))",
-        "isinstance(rig, MotorShaft)",
-        "getattr(x.noise, name)",
-        "getattr(anything, 'with_counts', None)",
-        "hasattr(x, 'gear_ratio')",
-        "getattr(prior, name)",
-    ],
-)
-def test_a_question_is_recognised(code: str) -> None:
-    assert offenders(f"def f():\n    return {code}") == [(2, code)]
-
-
-def test_other_objects_may_be_asked() -> None:
-    assert not offenders("isinstance(value, float | int)\ngetattr(error, 'errno', None)")
 
 
 def test_simulators_and_observations_keep_their_contracts() -> None:

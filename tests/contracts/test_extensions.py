@@ -336,11 +336,6 @@ def test_whatever_a_package_raises_as_it_works_names_it(
     assert f"hostile.py:11 ({error}); repair or remove that package" in message
 
 
-def test_an_error_of_bayesdrill_is_blamed_on_no_package() -> None:
-    with pytest.raises(ZeroDivisionError), guarded():
-        raise ZeroDivisionError
-
-
 def test_an_entry_of_a_package_does_not_change_one_of_the_same_name() -> None:
     @dataclasses.dataclass(frozen=True)
     class Member:
@@ -353,11 +348,3 @@ def test_an_entry_of_a_package_does_not_change_one_of_the_same_name() -> None:
         file: str = "x"
 
     assert Section.model_validate({"file": "y", "more": 4}).model_dump()["file"] == "y"
-
-
-def test_a_registry_has_its_own_members_first() -> None:
-    members = Registry("nothing that anyone brings", {"a": 1, "b": 2})
-    assert dict(members) == members.usable() == {"a": 1, "b": 2}
-    assert len(members) == 2
-    with pytest.raises(KeyError):
-        members["c"]

@@ -173,8 +173,3 @@ def test_a_proposal_without_its_density_is_rejected() -> None:
 def test_the_snooker_move_of_emcee_is_rejected(d: int) -> None:
     """That of emcee 3.1.6 fails the exact test."""
     assert is_rejected(emcee.moves.DESnookerMove(), d)
-
-
-def test_the_snooker_move_is_not_registered() -> None:
-    made = [make(rough(TARGETS["mild"], 2), always_inside) for make in MOVES.values()]
-    assert not any(isinstance(move, emcee.moves.DESnookerMove) for move in made)

@@ -125,21 +125,3 @@ def test_its_sensitivities_are_differences(name: str) -> None:
         numeric = (simulator.signals(p + step) - simulator.signals(p - step))[0] / 2e-5
         scale = np.abs(numeric).max() + 1e-9
         assert slopes[k] / scale == pytest.approx(numeric / scale, abs=1e-4), parameter
-
-
-@run_cases("name", LARGEST)
-def test_its_sums_are_those_of_its_signals(name: str) -> None:
-    simulator = response(name)
-    p = values(simulator.model)
-    signals = simulator.signals(p)[0]
-    y = 1.01 * signals + 0.1
-    simulator = simulator.with_record(y)
-    left, k = y - signals, y.shape[1]
-    assert simulator.squares(p)[0] == pytest.approx((left**2).sum(axis=0), rel=1e-9)
-    scales = np.linspace(0.5, 3.0, k)[None]
-    along = np.random.default_rng(2).standard_normal((1, 3, p.shape[1])) * p
-    shifts = simulator.sensitivities(p, along)[0] * scales[0]
-    squares, slopes, products = simulator.normal(p, along, scales[..., None] ** 2)
-    assert squares[0] == pytest.approx((left**2).sum(axis=0) * scales[0] ** 2, rel=1e-9)
-    assert slopes[0] == pytest.approx(np.einsum("qtk,tk->q", shifts, left * scales[0]), rel=1e-7)
-    assert products[0] == pytest.approx(np.einsum("qtk,rtk->qr", shifts, shifts), rel=1e-7)

@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from support.array_cases import two
+from support.array_cases import late_angle, two
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -37,12 +37,7 @@ def small() -> SuperposedPulses:
 
 def test_superposed_pulses_have_the_information_of_the_simulated_waveform() -> None:
     """They agree for a late channel with an unknown offset and AR(1) noise, too."""
-    lagged = {
-        "values": two().columns["theta_2"], "unit": "deg", "sigma": 3.0, "noise": "ar1",
-        "offset": {"prior": "normal", "mean": 0.0, "sd": 5.0}, "lag": 0.013,
-    }  # fmt: skip
-    rows = bd.Channel(**lagged)
-    for each in (small(), evaluation(two(channels={"theta_2": rows}), ("k_s",))):
+    for each in (small(), evaluation(two(channels={"theta_2": late_angle()}), ("k_s",))):
         posterior = each.coming.posterior(LEVELS)
         study = SensitivityStudy(posterior.likelihood)
         draws = posterior.space.draw(3, np.random.default_rng(1))

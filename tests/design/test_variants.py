@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from support.array_cases import two
+from support.array_cases import late_angle, two
 
-import bayesdrill as bd
 from bayesdrill.report.sections.design import design_csv
 
 
@@ -36,8 +35,7 @@ def test_repeats_rates_and_channels_change_the_sds_as_information_adds_up() -> N
 
 def test_noise_that_remembers_is_thinned_and_extended_too() -> None:
     """AR(1) noise of one channel keeps its correlation from one sample to the next."""
-    channel = bd.Channel(two().columns["theta_2"], "deg", sigma=3.0, noise="ar1")
-    case = two(channels={"theta_2": channel})
+    case = two(channels={"theta_2": late_angle()})
     designed = case.design("k_s", family="prbs", high=12.0, hold=0.5, duration=4.0, draws=1).design
     assert designed.variants["half the rate"] > (designed.targets[0].designed,)
     assert next(iter(designed.variants)) == "half the rate"

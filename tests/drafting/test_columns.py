@@ -20,6 +20,7 @@ from support.first_configs import (
     reversing_rig,
     write_table,
 )
+from support.small_problems import starts_believed
 
 import bayesdrill as bd
 from bayesdrill.drafting.columns import contradiction, named_column, parse_head
@@ -100,6 +101,7 @@ TURN = 2 * np.pi / 2800
         (MOTOR_SPEED, "t_motor", "% of 9.84 mN*m", "% of 9.84 mN*m", 9.84e-5),
     ],
 )
+@starts_believed()
 def test_counts_and_shares_are_units(
     drive: str, name: str, typed: str, unit: str, si: float, tmp_path: Path
 ) -> None:

@@ -154,35 +154,6 @@ def test_a_record_is_drafted_from_a_file_of_arrays(ending: str, tmp_path: Path) 
     assert draft["record"]["channels"]["motor"]["measures"] == "5 * w_2"
 
 
-def test_what_cannot_be_used_is_left_out_with_its_reason(tmp_path: Path) -> None:
-    columns = german_record()
-    n = len(columns["Zeit_ms"])
-    rng = np.random.default_rng(6)
-    more = {
-        "humidity": rng.normal(50, 1, n),
-        "WOB [N]": rng.normal(300, 5, n),
-        "theta_2 [counts]": rng.normal(0, 9, n),
-        "n_soll": rng.normal(0, 9, n),
-        "speed_set": np.full(n, 3.0),
-        "n_Last": np.gradient(columns["phi_Rotor_deg"], 0.005) / 6,
-    }
-    del columns["n_Rotor"]
-    draft = draft_of(write_table(tmp_path / "r.csv", {**columns, **more}))
-    channels = draft["record"]["channels"]
-    assert {*channels} == {"theta_1", "w_1", "motor"}
-    assert channels["w_1"]["derived_from"] == "theta_1"
-    assert "derived_from" not in channels["motor"]
-    unused = draft["words"].split("Not used:")[1].split("inputs:")[0].split(" - ")
-    for name, why in {
-        "humidity": "its name does not say",
-        "WOB [N]": "is a force",
-        "theta_2 [counts]": "does not say how far one of it turns",
-        "n_soll": "is a set point",
-    }.items():
-        (reason,) = (row for row in unused if name in row.partition(": ")[0])
-        assert why in reason, name
-
-
 def test_a_time_with_the_head_of_a_twist_does_no_harm(tmp_path: Path) -> None:
     """It grows evenly, so that its law leaves nothing of it at all."""
     head, *rows = (CONFIGS / "records" / "nominal_step.csv").read_text().splitlines()
@@ -198,6 +169,7 @@ BATCHES = [
 
 
 @pytest.mark.parametrize("batches", BATCHES)
+@starts_believed()
 def test_every_config_that_is_written_is_valid(batches: tuple[int, ...], tmp_path: Path) -> None:
     """Of spoilt records; a voltage that nobody has given is asked for, and nothing else is."""
     invalid, count, path = {}, 0, tmp_path / "r.csv"
@@ -244,9 +216,7 @@ def test_impossible_numbers_are_input_errors(name: str, tmp_path: Path) -> None:
         assert refusal(path, **{name: number})
 
 
-# --- which files are written -----------------------------------------------------------------------
-
-
+@starts_believed()
 def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     path = write_table(tmp_path / "r.csv", german_record())
     config = tmp_path / "r.yaml"
@@ -267,6 +237,7 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     assert command_line.cli("init", path, "--gear", 0.2, "--force").status == 2
 
 
+@starts_believed()
 def test_check_draws_the_record_of_each_experiment(tmp_path: Path) -> None:
     twice = {name: np.concatenate([x, x]) for name, x in RECORD.items()}
     draft_of(write_table(tmp_path / "r.csv", twice), split=True)
@@ -280,9 +251,7 @@ def test_check_draws_the_record_of_each_experiment(tmp_path: Path) -> None:
         case.draw_record(tmp_path / "seen.gif")
 
 
-# --- rigs, their nominal values and priors ---------------------------------------------------------
-
-
+@starts_believed()
 def test_a_data_sheet_becomes_the_nominal_table(tmp_path: Path) -> None:
     record, sheet = write_table(tmp_path / "r.csv", german_record()), tmp_path / "sheet.yaml"
     sheet.write_text(

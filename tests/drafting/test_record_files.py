@@ -180,9 +180,6 @@ def test_experiments_are_called_by_what_differs(names: tuple[str, ...], labels: 
     assert record_files.experiment_labels([Path(f"{name}.csv") for name in names]) == labels
 
 
-# --- several records in one file -------------------------------------------------------------------
-
-
 def test_records_one_after_the_other_are_split(tmp_path: Path) -> None:
     """Each is an experiment of its rows; what is too short for a record is none."""
     draft = draft_of(write_table(tmp_path / "r.csv", repeated(300, 5, 400)), split=True)

@@ -11,8 +11,6 @@ from support.first_configs import RPM, draft_of, german_record, reversing_rig, w
 
 import bayesdrill as bd
 
-# --- when inputs act, and what is late -------------------------------------------------------------
-
 
 def angle_and_twist(t: np.ndarray, late: float, w: float) -> tuple[np.ndarray, np.ndarray]:
     """An angle at the gearbox, and the twist of a swinging rotor behind it, `late` s before."""
@@ -55,9 +53,6 @@ def test_the_lag_of_a_twist_follows_from_the_motion_of_the_rotor(
     else:
         assert "lag" not in channels["twist"]
         assert "#   lag: {prior: uniform, low: 0, high: 25, unit: ms}" in draft["text"]
-
-
-# --- how a record begins ---------------------------------------------------------------------------
 
 
 def test_a_record_begins_moving_or_at_rest(tmp_path: Path) -> None:

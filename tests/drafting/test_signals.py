@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from support.case_tables import run_cases
-from support.first_configs import channels_of, draft_of, german_record, read_records, write_table
+from support.first_configs import draft_of, german_record, read_records, write_table
 
 from bayesdrill.drafting import signals
 from bayesdrill.drafting.columns import FileColumn, parse_head
@@ -25,18 +25,6 @@ def test_noise_is_that_of_a_swing_or_of_the_counts() -> None:
     for step, unit in ((0.36, "deg"), (math.pi / 2048, "rad"), (0.1, "")):
         assert signals.counted_unit(np.round(swing / step) * step) == unit
     assert signals.counted_unit(swing) == ""
-
-
-def test_gaps_and_missing_cells_are_left_as_they_are(tmp_path: Path) -> None:
-    columns = german_record()
-    columns["n_Rotor"][300] = np.nan
-    columns["Zeit_ms"][1500:] += 4000
-    draft = draft_of(write_table(tmp_path / "r.csv", columns))
-    assert "window" not in draft["record"]
-    assert draft["record"]["missing"] == "drop"
-    assert "missing" not in draft["inputs"]["v"]
-    assert "800 missing in 1 gap" in draft["words"]
-    assert channels_of(draft)["w_1"] == ("n_Rotor", "rpm")
 
 
 def test_infinite_cells_and_rows_without_an_input_are_cut_off(tmp_path: Path) -> None:
@@ -72,9 +60,6 @@ def test_an_angle_that_wraps_is_unwrapped(unit: str, tmp_path: Path) -> None:
     sentences = " ".join(read_records(tmp_path / "r.yaml"))
     assert f"theta_1: unwrapped {jumps} jumps of 360 deg" in sentences
     assert jumps > 3
-
-
-# --- glitches --------------------------------------------------------------------------------------
 
 
 def glitches(columns: dict[str, np.ndarray]) -> dict[str, tuple[tuple[float, float], ...]]:

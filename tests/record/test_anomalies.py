@@ -1,19 +1,12 @@
 """Spikes, stuck and clipped samples, turns and differences: detected where they are, and only there."""
 
 from itertools import product
-from pathlib import Path
 
 import numpy as np
-import pytest
 from scipy.signal import lfilter
 from support.case_tables import run_cases
 
 from bayesdrill.record import anomalies
-from bayesdrill.record.formats import FORMATS, format_of
-from bayesdrill.record.formats.table import RecordTable
-
-ROOT = Path(__file__).parents[2]
-SHARED = ROOT.parent / "shared" / "data"
 
 T = np.arange(2001) * 0.005
 RNG = np.random.default_rng(11)
@@ -178,37 +171,3 @@ def test_a_speed_that_was_measured_has_noise_of_its_own(
     angle: np.ndarray, speed: np.ndarray
 ) -> None:
     assert not anomalies.differenced(angle, speed, DT)
-
-
-# --- records of other rigs -------------------------------------------------------------------------
-
-
-def read(path: Path) -> RecordTable:
-    if not path.exists():
-        pytest.skip(f"{path.name} is not here")
-    file_format = FORMATS[format_of(path)]
-    return file_format.read(path, file_format.options(), None)
-
-
-def test_all_glitches_of_a_drill_string_are_detected_and_nothing_else() -> None:
-    """The top speed, about 90 rpm, falls below -100 rpm in pulses of 10 ms; other columns do not.
-
-    What is left is never below -10 rpm, where the speed dips to about 0 as the bit sticks.
-    """
-    table = read(SHARED / "ufrj_drillstring_rig" / "175_completo_1.mat")
-    top = table.pick(variable="Top_Speed_Sample_175_complete")
-    t = table.pick(variable="Time_Sample_175_complete")
-    spikes = anomalies.spikes(top)
-    mask = spikes.mask(len(top))
-    assert top[~mask].min() > -10.0
-    bursts = zip(spikes.first, spikes.last, strict=True)
-    assert all(top[first : last + 1].min() < -100.0 for first, last in bursts)
-    assert np.sum(top < 0) == 1790
-    assert np.sum((top < 0) & mask) > 0.95 * 1790
-    assert np.mean(mask) < 0.04
-    blocks, begins = [(28.0, 29.5), (50.0, 52.0), (56.3, 58.0)], t[spikes.first]
-    dense = [int(np.sum((begins >= low) & (begins < high))) for low, high in blocks]
-    assert min(dense) > 25
-    assert sum(dense) > 0.7 * len(spikes)
-    for name in ("Bit_Speed", "Bit_Torque", "WOB"):
-        assert len(anomalies.spikes(table.pick(variable=f"{name}_Sample_175_complete"))) == 0

@@ -1,24 +1,23 @@
-"""Every figure in both widths, of contexts that are hard to draw: nothing is cut, nothing overlaps.
+"""Figures of contexts that are hard to draw, in the narrow width: nothing is cut, nothing overlaps.
 
-Figures of whole runs: `tests/contracts/test_figures.py`; drawings of rigs: `test_rig_drawing.py`.
+Figures of whole runs, in both widths: `tests/contracts/test_figures.py`; drawings of rigs:
+`test_rig_drawing.py`.
 """
 
 import re
 from collections.abc import Callable, Iterator
-from functools import partial
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from support import figure_contexts as contexts
-from support.case_tables import for_each
 from support.compared_models import model
 from support.figure_checks import SYMBOLS, TABLE, clashes, drawn, overlap, shown
 from support.linear_study import NAMES, PRIOR_SD, gaussian, linear_study, verdict
 
 from bayesdrill.analysis.calibration import LOG_LIKELIHOOD, judge_calibration
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.report.scales import WIDTHS
+from bayesdrill.report.scales import SINGLE
 from bayesdrill.report.sections.calibration import calibration_figure
 from bayesdrill.report.sections.convergence import autocorrelation_figure
 from bayesdrill.report.sections.fit import fit_figure, record_figure
@@ -27,45 +26,30 @@ from bayesdrill.report.sections.nominal import invariants_figure
 
 LOGS = frozenset(("c_m", "l_m", "sigma_w_1", "sigma_i"))
 NARROW = 1e-5  # relative width of a posterior whose ticks need an origin
+NINE = tuple(range(9))
 
 
-def corner(columns: tuple[int, ...], width: float | None, inches: float) -> Figure:
-    return contexts.corner(columns, inches, width, frozenset() if width else LOGS)
-
-
-def unknowns(draw: Callable[..., Figure], n: int, width: float | None, inches: float) -> Figure:
-    return draw(n, inches, width, LOGS)
-
-
-def fit(n_channels: int, n_samples: int, courses: int, inches: float) -> Figure:
-    return fit_figure(contexts.fit_of(n_channels, n_samples, courses), inches)
-
-
-def profiles(n: int, inches: float) -> Figure:
-    symbols = {symbol.name: symbol for symbol in SYMBOLS[:n]}
+def profiles() -> Figure:
+    symbols = {symbol.name: symbol for symbol in SYMBOLS[:9]}
     lines = [contexts.profile(symbol) for symbol in symbols.values()]
-    return profile_figure(lines, symbols, TABLE, LOGS, inches)
+    return profile_figure(lines, symbols, TABLE, LOGS, SINGLE)
 
 
-def calibration(n: int, inches: float) -> Figure:
-    names = [*(symbol.name for symbol in SYMBOLS[:n]), LOG_LIKELIHOOD]
-    judged = judge_calibration(names, contexts.refits(n + 1, seed=n), 99)
-    return calibration_figure(judged, SYMBOLS[:n], inches)
+def calibration() -> Figure:
+    names = [*(symbol.name for symbol in SYMBOLS[:9]), LOG_LIKELIHOOD]
+    judged = judge_calibration(names, contexts.refits(10, seed=9), 99)
+    return calibration_figure(judged, SYMBOLS[:9], SINGLE)
 
 
-def autocorrelation(n: int, inches: float) -> Figure:
-    return autocorrelation_figure(contexts.chains(0.9, n, 400), SYMBOLS[:n], inches)
-
-
-def spectrum(inches: float) -> Figure:
+def spectrum() -> Figure:
     study = linear_study(np.full(3, PRIOR_SD))
-    return spectrum_figure(study, {name: PARAMETERS[name].latex for name in study.names}, inches)
+    return spectrum_figure(study, {name: PARAMETERS[name].latex for name in study.names}, SINGLE)
 
 
-def invariants(inches: float) -> Figure:
+def invariants() -> Figure:
     draws = gaussian({**TABLE, "r_m": 1.2 * TABLE["r_m"]}, np.random.default_rng(2))
     symbols = [PARAMETERS[name] for name in NAMES]
-    return invariants_figure(verdict(draws), draws, np.median(draws, axis=0), symbols, inches)
+    return invariants_figure(verdict(draws), draws, np.median(draws, axis=0), symbols, SINGLE)
 
 
 LONG_NAMES = [
@@ -74,29 +58,26 @@ LONG_NAMES = [
 TWO_EXPERIMENTS = [
     model(name, -3.0 * k, experiments=("up", "down the hill")) for k, name in enumerate("ab")
 ]
-IN_EITHER_WIDTH: dict[str, Callable[[float], Figure]] = {
-    **{f"corner of {n}": partial(corner, tuple(range(n)), None) for n in (1, 2, 9)},
-    "narrow corner of 2": partial(corner, (0, 12), NARROW),
-    **{
-        f"{kind} of 9, width {width}": partial(unknowns, draw, 9, width)
-        for kind, draw in (("trace", contexts.trace), ("priors", contexts.prior_posterior))
-        for width in (None, NARROW)
-    },
-    "profiles": partial(profiles, 9),
-    "calibration": partial(calibration, 9),
-    "ranks": partial(contexts.ranks, 4, 1.0),
-    "autocorrelation": partial(autocorrelation, 4),
-    "residuals": partial(contexts.residual_correlations, 4),
-    "response": partial(contexts.frequency_response, 4),
-    "fit of a channel": partial(fit, 1, 20, 0),
-    "fit of three channels": partial(fit, 3, 700, 2),
-    "predictive": contexts.predictive_checks,
+HARD: dict[str, Callable[[], Figure]] = {
+    "corner of 1": lambda: contexts.corner((0,), SINGLE, logs=LOGS),
+    "corner of 9": lambda: contexts.corner(NINE, SINGLE, logs=LOGS),
+    "narrow corner of 2": lambda: contexts.corner((0, 12), SINGLE, NARROW),
+    "narrow corner of 9": lambda: contexts.corner(NINE, width=NARROW),
+    "trace of 9": lambda: contexts.trace(9, SINGLE, logs=LOGS),
+    "narrow trace of 9": lambda: contexts.trace(9, SINGLE, NARROW, LOGS),
+    "priors of 9": lambda: contexts.prior_posterior(9, SINGLE, logs=LOGS),
+    "narrow priors of 9": lambda: contexts.prior_posterior(9, SINGLE, NARROW, LOGS),
+    "profiles": profiles,
+    "calibration": calibration,
+    "ranks": lambda: contexts.ranks(4, 1.0, SINGLE),
+    "autocorrelation": lambda: autocorrelation_figure(
+        contexts.chains(0.9, 4, 400), SYMBOLS[:4], SINGLE
+    ),
+    "fit of a channel": lambda: fit_figure(contexts.fit_of(1, 20), SINGLE),
+    "fit of three channels": lambda: fit_figure(contexts.fit_of(3, 700, 2), SINGLE),
     "invariants": invariants,
     "spectrum": spectrum,
-}
-IN_ONE_WIDTH: dict[str, Callable[[], Figure]] = {
     "record": lambda: record_figure(contexts.fit_of(2, 200, 1)),
-    "narrow corner of 9": lambda: contexts.corner(tuple(range(9)), width=NARROW),
     "ridge": contexts.ridge,
     "ridge in logs": lambda: contexts.ridge(frozenset(("k_s", "j_1"))),
     "overlay": lambda: contexts.overlaid_corner(6, 3),
@@ -131,21 +112,7 @@ def faults(figure: Figure) -> Iterator[str]:
         yield f"letters of {min(sizes)} points"
 
 
-@pytest.mark.parametrize("name", IN_EITHER_WIDTH)
-def test_figures_are_readable_in_one_and_in_two_columns(name: str) -> None:
+@pytest.mark.parametrize("name", HARD)
+def test_figures_are_readable(name: str) -> None:
     """No text is cut or lies on another, and every axis has a unit."""
-
-    def check(inches: float) -> None:
-        highest = 1.45 * inches if "corner" in name else 9.0 if "priors" in name else 12.0
-        figure = drawn(IN_EITHER_WIDTH[name](inches))
-        assert [*faults(figure)] == []
-        assert figure.get_figwidth() <= inches + 1e-9
-        if not name.startswith("fit"):  # which has a row for each channel and input
-            assert figure.get_figheight() < highest
-
-    for_each({f"{name} in {size} width": (inches,) for size, inches in WIDTHS.items()}, check)
-
-
-@pytest.mark.parametrize("name", IN_ONE_WIDTH)
-def test_figures_of_one_size_are_readable(name: str) -> None:
-    assert [*faults(drawn(IN_ONE_WIDTH[name]()))] == []
+    assert [*faults(drawn(HARD[name]()))] == []

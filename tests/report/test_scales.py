@@ -5,9 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.figure_checks import si
 
-from bayesdrill.basics.symbols import PARAMETERS, Symbol
+from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.report import scales
-from bayesdrill.report.scales import Typesetter, printed
 
 
 @given(
@@ -43,37 +42,3 @@ def test_logarithmic_ticks_are_few_round_and_inside(start: float, decades: float
         if not text.startswith("$"):
             expected = si(scale.label(PARAMETERS["r_m"]), float(text))
             np.testing.assert_allclose(float(scale.value(place)), expected, rtol=1e-6)
-
-
-def test_a_plain_axis_of_large_numbers_has_no_small_ticks() -> None:
-    """Such as deviations of hundreds of per cent, which are no powers of ten."""
-    for size in (380.0, 3e5):
-        assert len(scales.scale(0.8 * size, size).between) == 0
-        assert len(scales.scale(0.8 * size, 4 * size, log=True).between) > 3
-
-
-def test_an_axis_too_short_for_a_logarithm_to_bend_it_is_plain() -> None:
-    assert scales.scale(1.0, 1.01, log=True).log
-    assert not scales.scale(1.0, 1.0 + 1e-5, log=True).log
-
-
-def test_names_are_printed_with_their_index_and_kept_in_code() -> None:
-    own = (
-        Symbol("sigma_w_2", "rad/s", r"\sigma_{\dot\theta_2}", "rad/s", "noise"),
-        Symbol("sigma_twist", "rad", r"\sigma_{\mathrm{twist}}", "rad", "noise"),
-    )
-    typeset = Typesetter(printed(own)).prose
-    for text, html in {
-        "k_T/(r_m k_s)": "<var>k<sub>T</sub></var>/"
-        "(<var>r<sub>m</sub></var> <var>k<sub>s</sub></var>)",
-        "theta_1 in kg m^2": "<var>&theta;<sub>1</sub></var> in kg m<sup>2</sup>",
-        "sigma_twist": "<var>&sigma;<sub>twist</sub></var>",
-        "`k_s` is *weak*, **k_s**": "<code>k_s</code> is <em>weak</em>, "
-        "<strong><var>k<sub>s</sub></var></strong>",
-    }.items():
-        assert str(typeset(text)) == html
-    assert "<sub>&theta;&#775;<sub>2</sub></sub>" in str(typeset("sigma_w_2"))
-    for name in ("k_s_over_j_1", "tables_2_3", "mean_k_s", "k_s.csv", "k_s2"):
-        assert "<var>" not in str(typeset(name)), name
-    assert "em>" not in str(typeset("5 * k_s * 2"))
-    assert {parameter.name for parameter in PARAMETERS.values()} <= {*printed()}

@@ -182,6 +182,7 @@ experiments:
 inputs:"""
 
 
+@starts_believed()
 def test_parts_of_several_experiments_are_shared_or_own(tmp_path: Path) -> None:
     """Sensors are the same, but for offsets of channels; noise is an experiment's own."""
     every = singles(candidates(tmp_path, ("inputs:", EXPERIMENTS)))
@@ -198,6 +199,7 @@ def test_parts_of_several_experiments_are_shared_or_own(tmp_path: Path) -> None:
     assert unknowns(torque) == {"k_e", "j_1", "s_d", "tau_d"}
 
 
+@starts_believed()
 def test_physics_and_noise_of_a_config_are_not_tried_again(tmp_path: Path) -> None:
     ar1 = ("w_1, unit: rad/s, sigma: 0.05", f"w_1, unit: rad/s, noise: ar1, {FREE}")
     friction = ("t_f: nominal", "t_f: nominal\n  t_cm: {prior: uniform, low: 0, high: 0.1}")
@@ -207,6 +209,7 @@ def test_physics_and_noise_of_a_config_are_not_tried_again(tmp_path: Path) -> No
     assert "rho_theta_1" in unknowns(every["ar1"])
 
 
+@starts_believed()
 def test_windows_leave_an_experiment_that_is_held_out(tmp_path: Path) -> None:
     text = "experiments:\n  away: {held_out: true}\n  a: {}\ninputs:"
     halves = candidates(tmp_path, ("inputs:", text)).windows(2)
@@ -216,6 +219,7 @@ def test_windows_leave_an_experiment_that_is_held_out(tmp_path: Path) -> None:
     assert first[1] == second[0] > first[0]
 
 
+@starts_believed()
 def test_a_memory_is_shared_as_the_size_of_its_noise(tmp_path: Path) -> None:
     shared = ("inputs:", "experiments: {a: {}, b: {}}\nshared: [sigma_w_1]\ninputs:")
     free_speed = ("w_1, unit: rad/s, sigma: 0.05", f"w_1, unit: rad/s, {FREE}")
@@ -229,6 +233,7 @@ def test_angles_of_many_turns_widen_no_prior(tmp_path: Path) -> None:
     assert candidates(tmp_path / "far", start).sizes == pytest.approx(sizes, rel=1e-6)
 
 
+@starts_believed()
 def test_only_parts_that_go_together_are_combined(tmp_path: Path) -> None:
     models = candidates(tmp_path)
     every, rests_of = [*models.changes], ("static_motor", "static_rotor_1")

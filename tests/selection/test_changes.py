@@ -6,19 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
-from support.case_tables import run_cases
 from support.small_problems import starts_believed
 from support.unexplained_records import write
 
 import bayesdrill as bd
 from bayesdrill.analysis.edits import with_gear
-from bayesdrill.analysis.refits import refit_candidate
-from bayesdrill.basics.progress import SILENT
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.inference.step_error import with_steps
-from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.selection.candidates import CandidateModels
-from bayesdrill.tasks.ranking import Ranking
 
 T = 0.01 * np.arange(80)
 SWING = np.cos(9.0 * T)
@@ -100,36 +95,6 @@ def test_all_channels_are_not_late_together(tmp_path: Path) -> None:
     assert models.possible(("lag_w_hub", "t_0"))
     assert not models.possible(("lag_w_hub", "lag_theta_hub", "t_0"))
     assert not models.possible(("sign_w_hub", "gain_w_hub"))
-
-
-HELD = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "j_1", "t_f")
-
-
-@run_cases(
-    "rest, numbers, constants",
-    [
-        (
-            "inputs: {t_m: {column: u, unit: N*m}}\nmodel: {name: motor, i_m: 0.1}",
-            "{j_m: J, c_m: 0.1}",
-            {"later"},
-        ),
-        (
-            "inputs: {v: {column: u, unit: V}}\nmodel: {name: motor_shaft}\nnominal: tables_2_3",
-            f"{{k_s: J, {', '.join(f'{name}: nominal' for name in HELD)}}}",
-            {"gear", "later"},
-        ),
-    ],
-)
-def test_another_gear_is_sought_where_a_shaft_is_behind_it(
-    rest: str, numbers: str, constants: set[str], tmp_path: Path
-) -> None:
-    of = job(tmp_path, {"w_2": "rad/s"}, rest, numbers)
-    posterior = of.problem.posterior
-    given = refit_candidate(posterior, posterior.space.start, -np.inf)
-    assert given is not None
-    with WorkerPool(posterior, 1) as pool:
-        ranking = Ranking(of, posterior.space.start, given, pool.submit_function, SILENT)
-        assert {name for name, _ in ranking._constants()} == constants
 
 
 def test_a_sign_is_turned_and_columns_are_exchanged(tmp_path: Path) -> None:

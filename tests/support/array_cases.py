@@ -40,6 +40,13 @@ def two(**entries: Any) -> bd.Case:
     return bd.case(**usual | entries)
 
 
+def late_angle() -> bd.Channel:
+    """Return the angle of `two` as it is known with a lag, an unknown offset and AR(1) noise."""
+    offset = {"prior": "normal", "mean": 0.0, "sd": 5.0}
+    angle = two().columns["theta_2"]
+    return bd.Channel(angle, "deg", 3.0, noise="ar1", offset=offset, lag=0.013)
+
+
 @cache
 def run() -> bd.Run:
     return two().sample()

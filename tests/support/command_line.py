@@ -1,5 +1,6 @@
 """The command line with a small experiment, run in this process or in one of its own."""
 
+import csv
 import functools
 import os
 import signal
@@ -171,6 +172,12 @@ def replace_text(path: Path, old: str, new: str) -> None:
     text = path.read_text(encoding="utf-8")
     assert old in text
     path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def table(path: Path, key: str = "name") -> dict[str, dict[str, str]]:
+    """Return the rows of a CSV file by their cell under `key`."""
+    with path.open(encoding="utf-8") as file:
+        return {row[key]: row for row in csv.DictReader(file)}
 
 
 def renew_digests(folder: Path) -> None:

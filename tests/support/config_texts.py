@@ -3,9 +3,11 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from support import command_line
-from support.command_line import CONFIGS
+from support.command_line import CONFIGS, replaced
 
+from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.config.records import reading
 from bayesdrill.record.experiment import Experiment
@@ -15,11 +17,8 @@ RPM, DEG = 2 * np.pi / 60, np.pi / 180
 
 def write(folder: Path, text: str, *changes: tuple[str, str]) -> Path:
     """Write a config whose `changes` replace text that stands in it once."""
-    for old, new in changes:
-        assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in the config"
-        text = text.replace(old, new)
     path = folder / "config.yaml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(replaced(text, *changes), encoding="utf-8")
     return path
 
 
@@ -68,6 +67,13 @@ def load_measured(folder: Path, *changes: tuple[str, str]) -> Experiment:
     save(folder, "r.csv", t=T, w=SPEED, u=SUPPLY, phi=ANGLE)
     save(folder, "odd.csv", x=-T, phi=ANGLE)
     return reading.read(loading.load(write(folder, MEASURED, *changes)).experiments[0])
+
+
+def refused(folder: Path, **entries: str) -> str:
+    """Return why `read_measured` refuses a record."""
+    with pytest.raises(InputError) as caught:
+        read_measured(folder, **entries)
+    return str(caught.value)
 
 
 # The small experiment with further physics.

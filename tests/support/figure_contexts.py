@@ -20,16 +20,13 @@ from support.figure_checks import (
     prior_of,
 )
 
-from bayesdrill.analysis.calibration import Refit, ecdf_band
+from bayesdrill.analysis.calibration import Refit
 from bayesdrill.analysis.comparison import PosteriorSummary, RunSummary, overlay_rows
 from bayesdrill.analysis.diagnostics import rank_histograms
 from bayesdrill.analysis.identifiability.profile import Profile
-from bayesdrill.analysis.prediction import FrequencyResponse, PredictionCheck
-from bayesdrill.basics.symbols import INPUTS, Symbol
-from bayesdrill.basics.units import Unit
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.display_units import SI, DisplayedUnknowns
 from bayesdrill.inference.priors import LogUniform
-from bayesdrill.inference.residual_checks import ResidualCorrelation
 from bayesdrill.record.experiment import Channel
 from bayesdrill.report.scales import DOUBLE, TIME
 from bayesdrill.report.sections.comparison import comparison_figure
@@ -41,11 +38,6 @@ from bayesdrill.report.sections.parameters import (
     CorrelatedPair,
     prior_posterior_figure,
     ridge_figure,
-)
-from bayesdrill.report.sections.residuals import (
-    frequency_figure,
-    predictive_figure,
-    residuals_figure,
 )
 
 Array = NDArray[np.float64]
@@ -60,9 +52,6 @@ CHANNELS = (
     ("w_2", r"\dot\theta_2", "rpm", 1e5),
 )
 V = Symbol("v", "V", "v", "mV", "supply")
-
-
-# Unknowns
 
 
 def unknowns(
@@ -134,9 +123,6 @@ def refits(n: int, *, seed: int) -> list[Refit]:
     ]
 
 
-# Chains
-
-
 def chains(rho: float, n: int = 3, steps: int = 3000) -> Array:
     """First-order autoregressive, `(4, steps, 8, n)`; tau is `(1 + rho) / (1 - rho)`."""
     x = np.random.default_rng(3).standard_normal((4, steps, 8, n))
@@ -152,9 +138,6 @@ def ranks(n: int, moved: float, inches: float = DOUBLE) -> Figure:
     x[3, :, 0] += moved
     histograms = rank_histograms(x, np.random.default_rng(2))
     return drawn(rank_figure(histograms, SYMBOLS[:n], inches))
-
-
-# Fits
 
 
 def course(n: int, *, straight: bool = False) -> Course:
@@ -186,51 +169,6 @@ def fit_of(n_channels: int, n_samples: int, courses: int = 0) -> Fit:
 
 def channel(name: str = "w_1") -> Channel:
     return Channel(name=name, weights={}, unit="rad/s", latex=r"\dot\theta_1", latex_unit="rad/s")
-
-
-def predictive_checks(inches: float = DOUBLE) -> Figure:
-    """Return those of a channel that is as predicted, and of one that lies below."""
-    u = np.random.default_rng(4).uniform(size=500)
-    band = ecdf_band(500, 99, 0.005)
-    checks = [
-        PredictionCheck(channel=channel(name), pit=pit, band=band)
-        for name, pit in (("w_1", u), ("w_2", u**2))
-    ]
-    return drawn(predictive_figure(checks, inches))
-
-
-def residual_correlations(n: int, inches: float = DOUBLE) -> Figure:
-    """Of n channels with themselves, and with two inputs; at one lag of one outside."""
-    correlations = []
-    for k in range(n):
-        for given in ("", "v", "t_1"):
-            lags = np.arange(-25 if given else 1, 26)
-            values = 0.05 * np.random.default_rng(k).uniform(-1, 1, len(lags))
-            values[-3] = -0.4 if given == "v" else values[-3]
-            common = {"channel": channel(f"w_{k}"), "step": 0.01, "sds": np.full(len(lags), 0.03)}
-            correlations.append(
-                ResidualCorrelation(input=given, lags=lags, values=values, **common)
-            )
-    return drawn(residuals_figure(correlations, inches, latex={}))
-
-
-def frequency_response(n: int, inches: float = DOUBLE) -> Figure:
-    """A lag; measured where the frequency is at most 10 Hz, 30 degrees and a tenth off."""
-    f = np.linspace(0.5, 50, 100)
-    modelled = 20.0 / (1.0 + 1j * f / 5.0)
-    response = FrequencyResponse(
-        channel=channel(),
-        input=INPUTS["v"],
-        unit=Unit("V", 1.0, "V"),
-        frequencies=f,
-        modelled=modelled,
-        measured=np.where(f <= 10, 1.1 * modelled * np.exp(-1j * np.pi / 6), np.nan),
-        error=np.full(100, 0.05),
-    )
-    return drawn(frequency_figure([response] * n, inches))
-
-
-# Several runs
 
 
 def models(n: int, n_unknowns: int, wide: float) -> list[RunSummary]:

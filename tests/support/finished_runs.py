@@ -114,3 +114,9 @@ def posterior(
         for part in ("out", "err")
     )
     return command_line.CommandResult(int((finished / "status").read_text()), out, err)
+
+
+def copied(finished: Path, tmp_path: Path) -> Path:
+    """Return a copy of a folder of runs, to be changed."""
+    shutil.copytree(finished, tmp_path / "rig")
+    return tmp_path / "rig"

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from support import scipy_oracles
+from support.small_problems import starts_believed
 
 import bayesdrill as bd
 from bayesdrill.config import loading
@@ -32,6 +33,7 @@ def read_records(config: Path) -> tuple[str, ...]:
     return tuple(sentence for record in records for sentence in record.told)
 
 
+@starts_believed()
 def draft_of(
     records: Path | list[Path], *columns: str, config: Path | None = None, **known: Any
 ) -> dict[str, Any]:

@@ -31,23 +31,6 @@ type Lines = list[str]
 
 # Changes of the lines of the record, of which the first is the header.
 ROWS: dict[str, Callable[[Lines], Lines]] = {
-    "a tiny column": lambda lines: [
-        lines[0],
-        *(f"{line.rpartition(',')[0]},{n % 7}e-320" for n, line in enumerate(lines[1:])),
-    ],
-    "tiny times": lambda lines: [
-        lines[0],
-        *(f"{n}e-310,{line.partition(',')[2]}" for n, line in enumerate(lines[1:])),
-    ],
-    "a tiny step of time": lambda lines: [
-        *lines[:2],
-        f"1e-40,{lines[2].partition(',')[2]}",
-        *lines[3:],
-    ],
-    "a second earlier": lambda lines: [
-        lines[0],
-        *(f"{float(t) - 1.0:.9g},{rest}" for t, _, rest in (x.partition(",") for x in lines[1:])),
-    ],
     "300 columns": lambda lines: [
         f"{lines[0]},{','.join(f'x_{i}' for i in range(297))}",
         *(f"{line},{','.join('1' * 297)}" for line in lines[1:]),
@@ -64,7 +47,6 @@ ROWS: dict[str, Callable[[Lines], Lines]] = {
     "two recordings": lambda lines: [*lines, *lines[1:]],
     "two files": lambda lines: [*lines, *lines],
     "units of which one is 1": lambda lines: [lines[0], "s,rad,1", *lines[1:]],
-    "row numbers": lambda lines: [lines[0], *(f"{n},{x}" for n, x in enumerate(lines[1:]))],
     "on its side": lambda lines: [
         ",".join(column) for column in zip(*(x.split(",") for x in lines), strict=True)
     ],
@@ -117,12 +99,16 @@ def speeds(folder: Path, form: str) -> None:
 
 
 def times(folder: Path, form: str) -> None:
-    """Write every time `t` anew, by itself, as `days` of a spreadsheet or as seconds of `unix`."""
+    """Write every time `t` anew: with its row `n`, a second `earlier`, in `days`, as `unix` seconds."""
 
     def change(lines: Lines) -> Lines:
-        parts = [(float(t), rest) for t, _, rest in (line.partition(",") for line in lines[1:])]
-        cells = (form.format(t=t, days=46000 + t / 86400, unix=1.7e9 + t) for t, _ in parts)
-        return [lines[0], *(f"{cell},{rest}" for cell, (_, rest) in zip(cells, parts, strict=True))]
+        out = [lines[0]]
+        for n, line in enumerate(lines[1:]):
+            cell, _, rest = line.partition(",")
+            t = float(cell)
+            ways = {"t": t, "n": n, "earlier": t - 1, "days": 46000 + t / 86400, "unix": 1.7e9 + t}
+            out.append(f"{form.format(**ways)},{rest}")
+        return out
 
     rows(folder, change)
 
@@ -245,9 +231,6 @@ def messages() -> list[str]:
     return result.err.splitlines()
 
 
-# --- one mistake ---------------------------------------------------------------------------------
-
-
 def test_the_good_experiment_passes(here: Path) -> None:
     command_line.small_config(here)
     before = command_line.listing(here)
@@ -293,9 +276,6 @@ def test_a_config_given_with_its_folder_is_named_with_its_folder(tmp_path: Path)
     config = command_line.small_config(tmp_path / "rig", ("k_T: nominal", "k_t: nominal"))
     result = command_line.cli("check", os.path.relpath(config))
     assert result.err.startswith(f"{os.path.relpath(config)}:15: ")
-
-
-# --- several mistakes ----------------------------------------------------------------------------
 
 
 def test_all_mistakes_of_a_config_come_at_once(here: Path) -> None:
@@ -357,9 +337,6 @@ def test_all_mistakes_of_a_record_come_at_once(here: Path) -> None:
     assert "no column 'w1'" in text
 
 
-# --- misuse of the command line ------------------------------------------------------------------
-
-
 @run_cases(
     "arguments",
     [
@@ -390,9 +367,6 @@ def test_misuse_of_the_command_line_costs_nothing(
     before = command_line.listing(tmp_path)
     assert_a_message(command_line.cli(*arguments))
     assert command_line.listing(tmp_path) == before
-
-
-# --- files without an end ------------------------------------------------------------------------
 
 
 @run_cases("command", ["check", "init", "verify", "simulate"])

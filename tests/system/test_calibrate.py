@@ -1,6 +1,5 @@
 """`bayesdrill calibrate CONFIG`: the same ranks wherever and however they are computed."""
 
-import csv
 import json
 import os
 import shutil
@@ -18,7 +17,6 @@ from support import command_line
 from support.case_tables import run_cases
 from support.command_line import assert_refused, replace_text
 
-from bayesdrill import output_files
 from bayesdrill.analysis.calibration import CalibrationStudy, refit
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.progress import Reporter, Silent
@@ -26,12 +24,6 @@ from bayesdrill.output_files import dumps_checksummed, loads_checksummed
 from bayesdrill.tasks import calibrate, remote
 
 QUICK = "calibration: {refits: 10, draws: 19, n_tau: 5, ess: 50, max_steps: 600}"
-FILES = {
-    *(".lock", "config.resolved.yaml", "config.yaml", "ranks.csv", "run.json"),
-    *("summary.md", "report.html"),
-    *("figures", "figures/calibration.pdf", "figures/calibration.png", ".refits"),
-    *(f".refits/{k:06d}.json" for k in range(10)),
-}
 
 
 @dataclass(frozen=True)
@@ -98,9 +90,6 @@ def study(finished: Calibration) -> CalibrationStudy:
     return calibrate.study(calibrate.prepare(finished.config))
 
 
-# --- one refit -----------------------------------------------------------------------------------
-
-
 def test_a_refit_depends_on_the_study_and_its_index_alone(
     finished: Calibration, study: CalibrationStudy
 ) -> None:
@@ -109,24 +98,6 @@ def test_a_refit_depends_on_the_study_and_its_index_alone(
     kept = {each.index: each for each in calibrate.saved(finished.folder / ".refits", study)}
     assert again == [kept[3], kept[1]]
     assert len({each.truth for each in kept.values()}) == 10
-
-
-# --- what it leaves, and how it goes on ----------------------------------------------------------
-
-
-def test_a_calibration_leaves_a_complete_folder_and_nothing_else(finished: Calibration) -> None:
-    assert set(command_line.listing(finished.folder)) == FILES
-    assert {name for name in FILES if not output_files.CALIBRATE.is_output(name)} == {
-        *(".lock", "figures", ".refits")
-    }
-    run = finished.run
-    assert (run["status"], run["refits"], run["seed"]) == ("finished", 10, 7)
-    rows = list(csv.DictReader(finished.ranks.decode().splitlines()))
-    assert [int(row["refit"]) for row in rows] == list(range(10))
-    assert all(0 <= int(row["rank_log_likelihood"]) <= 19 for row in rows)
-    summary = (finished.folder / "summary.md").read_text()
-    assert str(run["verdict"])[1:] in summary
-    assert "at most 1 %" in summary
 
 
 @run_cases(
@@ -184,19 +155,6 @@ def test_a_resumed_calibration_equals_one_without_interruption(
     assert summaries[0].read_bytes() == summaries[1].read_bytes()
 
 
-def test_results_are_neither_overwritten_nor_mixed(copy: Calibration) -> None:
-    before = command_line.listing(copy.folder)
-    assert_refused(copy.command(), "results exist already")
-    for old, new, message in (
-        ("draws: 19", "draws: 20", "calibration.draws"),
-        ("rad/s, sigma: 0.05", "rad/s, sigma: 0.06", "the noise"),
-    ):
-        replace_text(copy.config, old, new)
-        assert_refused(copy.resume(), message)
-        replace_text(copy.config, new, old)
-    assert command_line.listing(copy.folder) == before
-
-
 @run_cases(
     "old, new, message",
     [
@@ -234,9 +192,6 @@ def test_the_status_is_the_verdict(copy: Calibration) -> None:
     assert result.status == 3
     assert "not calibrated: ranks of" in result.out
     assert "(posterior too high)" in result.out
-
-
-# --- processes and clusters ----------------------------------------------------------------------
 
 
 @pytest.mark.slow

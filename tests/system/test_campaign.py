@@ -71,14 +71,6 @@ def test_each_run_and_the_population_are_those_that_were_simulated(finished: Fin
         assert abs(known["centre"]["mean"] - true.mean()) < 3 * known["centre"]["sd"]
 
 
-def test_existing_results_are_not_replaced_unasked(finished: Finished) -> None:
-    message = "results exist already; continue them with --resume"
-    options = ("-o", finished.folder, "--processes", "1")
-    command_line.assert_refused_unchanged(
-        finished.folder, message, "campaign", finished.path, *options
-    )
-
-
 def test_another_seed_is_refused_on_resuming(copy: Finished) -> None:
     assert_refused(copy.command("campaign", "--resume", "--seed", "5"), "the seed was 0 and is 5")
 

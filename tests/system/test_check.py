@@ -23,25 +23,6 @@ def checked(config: Path) -> str:
     return result.out
 
 
-# --- the record ----------------------------------------------------------------------------------
-
-
-def test_each_column_is_shown_as_the_file_has_it(tmp_path: Path) -> None:
-    """So that swapped columns, wrong units and a wrong rate can be seen."""
-    config = command_line.small_config(
-        tmp_path, ("unit: rad,", "unit: deg,"), ("unit: s}", "unit: min}")
-    )
-    numbers = np.array([line.split(",") for line in LINES[1:]], dtype=float).T
-    lines = checked(config).splitlines()
-    head = next(n for n, line in enumerate(lines) if line.startswith("columns ("))
-    assert lines[head] == "columns (a sample every 3 s (0.333333 Hz), the first at 0 s):"
-    assert lines[head + 1].split() == ["measures", "column", "unit", "first", "from", "to"]
-    names = [("time", "t", "min"), ("theta_1", "theta_1", "deg"), ("w_1", "w_1", "rad/s")]
-    for line, (name, column, unit), values in zip(lines[head + 2 :], names, numbers, strict=False):
-        shown = [f"{x:.5g}" for x in (values[0], min(values), max(values))]
-        assert line.split() == [name, name, column, unit, *shown]
-
-
 def test_two_samples_are_a_record(tmp_path: Path) -> None:
     config = command_line.small_config(tmp_path)
     (tmp_path / "small.csv").write_text("\n".join(LINES[:3]) + "\n")
@@ -96,8 +77,6 @@ def test_the_size_of_the_results_is_estimated_and_long_records_get_fewer_draws(
     assert "31 predictive draws of each ensemble" in out
     assert "not 125" in out
 
-
-# --- nominal values ------------------------------------------------------------------------------
 
 # Another rig than that of the paper: values and priors of its own, and no word of a table.
 OTHER: tuple[Change, ...] = (

@@ -1,13 +1,12 @@
 """`bayesdrill compare RUN RUN ...`: models of one record, and the verdict that they come to."""
 
-import csv
 import json
 import shutil
 from pathlib import Path
 
 import pytest
 from support import command_line, finished_runs
-from support.command_line import assert_refused, cli
+from support.command_line import assert_refused, cli, table
 
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
 
@@ -42,11 +41,6 @@ def runs(finished: Path, tmp_path: Path) -> Path:
     return tmp_path / "models"
 
 
-def table(folder: Path) -> dict[str, dict[str, str]]:
-    with (folder / "comparison.csv").open(encoding="utf-8") as file:
-        return {row["model"]: row for row in csv.DictReader(file)}
-
-
 def evidence(folder: Path) -> float:
     return float(json.loads((folder / "run.json").read_text())["evidence"]["log_z"])
 
@@ -57,7 +51,7 @@ def test_a_wrong_model_is_found_and_no_noise_makes_up_for_it(runs: Path) -> None
     out = runs / "out"
     result = cli("compare", runs / "wrong", runs / "given", runs / "unsure", "-o", out)
     assert result.status == 0, result.text
-    rows = table(out)
+    rows = table(out / "comparison.csv", "model")
     assert list(rows) == ["wrong", "given", "unsure"]
     for name, row in rows.items():
         assert float(row["log_evidence"]) == evidence(runs / name)

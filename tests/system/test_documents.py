@@ -1,6 +1,5 @@
 """The documents: commands and scripts run, configs are valid, statements are true of the program."""
 
-import csv
 import math
 import os
 import re
@@ -37,7 +36,7 @@ from bayesdrill.config import loading
 from bayesdrill.config.schema.config import Config
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import dynamics
-from docs import check_site, reference
+from docs import reference
 
 README = ROOT / "README.md"
 
@@ -150,8 +149,7 @@ def test_the_numbers_of_one_motor_are_those_of_its_page(tree: Path, ran: set[str
     units = {"K": 180 / math.pi, "T": 1e3, "t_0": 1e3}  # units of the page per SI unit
     results = {}
     for name in ("one_motor", "one_motor_drift"):
-        with (tree / "results" / name / "summary.csv").open() as file:
-            rows = {row["name"]: row for row in csv.DictReader(file)}
+        rows = command_line.table(tree / "results" / name / "summary.csv")
         results[name] = {
             symbol: (unit * float(rows[symbol]["mean"]), unit * float(rows[symbol]["sd"]))
             for symbol, unit in units.items()
@@ -202,16 +200,6 @@ def test_commands_named_in_the_text_exist() -> None:
         result = command_line.cli(command, "--help")
         assert result.status == 0, command
         assert "Example:" in result.out, command
-
-
-def test_make_alone_prints_its_targets() -> None:
-    done = subprocess.run(["make", "-s"], cwd=ROOT, capture_output=True, text=True, check=True)
-    phony = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    for target in phony[1].split():
-        assert target == "help" or f"make {target}" in done.stdout, target
-
-
-# --- configs and other blocks --------------------------------------------------------------------
 
 
 YAML_SAFE = YAML(typ="safe", pure=True)
@@ -301,39 +289,6 @@ def test_the_reference_has_every_command_entry_and_function() -> None:
     assert all(re.search(rf"\b(bayesdrill|bd)\.{name}\b", pages["api"]) for name in bd.__all__)
 
 
-# --- pages and the site --------------------------------------------------------------------------
-
-
-def test_a_broken_site_is_detected(tmp_path: Path) -> None:
-    page = "<h1 id='here'>x</h1><a href='other.html#there'>y</a><a href='#here'>z</a>"
-    (tmp_path / "index.html").write_text(page)
-    (tmp_path / "other.html").write_text("<p id='there'></p><a href='https://example.org'>far</a>")
-    assert list(check_site.wrong(tmp_path)) == []
-    (tmp_path / "other.html").write_text(
-        "<script src='https://example.org/x.js'></script><img src='gone.png'>"
-        "<a href='nowhere.html'></a><p style='background: url(//example.org/y.png)'></p>"
-    )
-    (tmp_path / "site.css").write_text("@import url('https://example.org/font.css');")
-    problems = "\n".join(check_site.wrong(tmp_path))
-    for message in (
-        "index.html: other.html#there has no such anchor",
-        "other.html: loads https://example.org/x.js",
-        "other.html: gone.png is not there",
-        "other.html: nowhere.html leads nowhere",
-        "other.html: loads //example.org/y.png",
-        "site.css: loads https://example.org/font.css",
-    ):
-        assert message in problems
-
-
-def test_the_site_pins_no_package_twice() -> None:
-    """One environment holds both lists."""
-    locks = (ROOT / "requirements.lock", DOCS / "requirements.lock")
-    own, more = ({line.split("==")[0].lower() for line in p.read_text().split()} for p in locks)
-    assert not own & more
-    assert {"sphinx", "myst-nb", "furo"} <= more
-
-
 @pytest.mark.slow
 def test_the_example_of_a_verdict_is_what_is_printed(tmp_path: Path) -> None:
     """Every line of the page, as the bundled run prints it."""
@@ -393,13 +348,6 @@ def test_lines_of_the_documents_are_not_too_wide() -> None:
                 r"`[^`]*`|\]\([^)]*\)", "", line.strip()
             )
             assert broken, f"{path.name}:{number}: {len(line)} columns"
-
-
-def test_the_readme_is_short_and_the_glossary_in_order() -> None:
-    assert len(README.read_text().splitlines()) <= 120
-    terms = re.findall(r"^## (.*)$", (DOCS / "glossary.md").read_text(), re.MULTILINE)
-    assert terms == sorted(terms, key=str.lower)
-    assert len(terms) > 70
 
 
 @pytest.mark.slow

@@ -1,18 +1,16 @@
 """Several experiments in one config, from simulated records to reports; and experiments held out."""
 
-import csv
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray
-from matplotlib.figure import Figure
 from scipy.special import logsumexp
 from scipy.stats import norm
 from support import two_experiments
 from support.case_tables import run_cases
-from support.command_line import assert_refused, cli, posterior, replace_text
+from support.command_line import assert_refused, cli, posterior, replace_text, table
 
 import bayesdrill as bd
 from bayesdrill.analysis.prediction import held_out
@@ -31,40 +29,15 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
-def rows(path: Path) -> dict[str, dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return {row["name"]: row for row in csv.DictReader(file)}
-
-
-# --- a joint run ---------------------------------------------------------------------------------
-
-
 def test_the_posterior_holds_what_the_records_were_made_with(finished: Path) -> None:
     """Within 4 sd, in SI; and it is much narrower than the prior."""
-    summary = rows(finished / "summary.csv")
+    summary = table(finished / "summary.csv")
     truth = {**bd.nominal(), **two_experiments.TRUTH}
     assert list(summary) == ["k_e", "j_1", "offset_theta_1", "lag_theta_1"]
     for name, row in summary.items():
         mean, sd = float(row["mean"]), float(row["sd"])
         assert abs(mean - truth[name]) < 4 * sd, name
         assert float(row["shrinkage"]) > 0.9
-
-
-def test_the_report_speaks_of_several_records_in_the_units_of_the_config(finished: Path) -> None:
-    text = (finished / "summary.md").read_text(encoding="utf-8")
-    assert "this record" not in text
-    for words in (
-        "verdict: these records determine 2 of the 2",
-        "## What these records can show, at the MAP",
-        "of theta_1 in slow",
-        "| offset_theta_1 | deg |",
-        "| lag_theta_1 | ms |",
-        "(figures/fit_1.png)",
-    ):
-        assert words in text
-    page = (finished / "report.html").read_text(encoding="utf-8")
-    assert "slow: Record, model at the MAP" in page
-    assert "fast: Record, model at the MAP" in page
 
 
 def test_the_tree_has_each_channel_of_each_experiment(finished: Path) -> None:
@@ -95,31 +68,6 @@ def test_a_change_of_one_experiment_is_named_by_verify_and_resume(finished: Path
     resumed = posterior(*resume)
     record.write_text(text, encoding="utf-8")
     assert_refused(resumed, "the record of fast")
-
-
-def test_the_maximum_predicts_every_experiment(tmp_path: Path) -> None:
-    out = tmp_path / "map"
-    result = cli("map", two_experiments.write(tmp_path), "-o", out, "--processes", "1")
-    assert result.status == 0, result.text
-    names = {path.name for path in out.rglob("*.*")}
-    assert {"prediction_1.csv", "prediction_2.csv", "fit_1.pdf", "fit_2.pdf"} <= names
-    values = json.loads((out / "map.json").read_text(encoding="utf-8"))["values"]
-    for name, truth in two_experiments.TRUTH.items():
-        assert values[name] == pytest.approx(truth, rel=0.2)
-    assert cli("verify", out).status == 0
-
-
-def test_python_loads_several_experiments_and_shows_each(finished: Path) -> None:
-    case = bd.load(finished.parent / "all.yaml")
-    assert case.unknowns == ("k_e", "j_1", "offset_theta_1", "lag_theta_1")
-    assert "columns of fast" in case.preview()
-    assert "k_e" in str(case.identify("k_e"))
-    run = bd.open(finished)
-    assert isinstance(run.plot("fit", part=2), Figure)
-    assert "these records determine" in str(run.judge())
-
-
-# --- simulated records ---------------------------------------------------------------------------
 
 
 def test_records_of_all_experiments_are_simulated_or_none(tmp_path: Path) -> None:
@@ -177,8 +125,6 @@ def test_refits_have_the_priors_of_the_run_and_no_measured_value(tmp_path: Path)
         assert not np.nansum(np.abs(other.experiment.y))
         assert np.array_equal(own.experiment.seen, other.experiment.seen)
 
-
-# --- experiments that are held out ---------------------------------------------------------------
 
 SIGMA = 0.1
 CONFIG = """\

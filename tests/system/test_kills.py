@@ -75,9 +75,6 @@ def assert_group_ends(leader: int, seconds: float = 10.0) -> None:
     assert not group(leader), "workers outlive the run"
 
 
-# --- one kill ------------------------------------------------------------------------------------
-
-
 def begun(folder: Path, processes: int, saved: int, started: Processes) -> FinishedRun:
     """Start a run in a process of its own, and return when this number of pieces is saved."""
     config = command_line.small_config(folder, UNREACHABLE)
@@ -167,9 +164,6 @@ def test_a_killed_run_leaves_no_warnings_of_its_semaphores(
     assert process.returncode == -signal.SIGKILL
     assert "starting the walkers" in err
     assert "resource_tracker" not in err
-
-
-# --- Ctrl-C, and closed terminals ----------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -279,9 +273,6 @@ def test_a_run_goes_on_when_its_output_is_closed(
     converged.assert_same_chains(run)
 
 
-# --- killed workers ------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "command", ["map", "identify --at-map", "posterior", "calibrate", "report"]
@@ -309,9 +300,6 @@ def test_a_killed_worker_ends_the_command_with_a_message(
     assert ("--resume" in err) == saves
     if saves:
         assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"
-
-
-# --- many kills ----------------------------------------------------------------------------------
 
 
 def moments(folder: Path) -> list[tuple[str, Callable[[], bool]]]:

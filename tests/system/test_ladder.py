@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import command_line
-from support.command_line import CONFIGS, assert_refused, replace_text
+from support.command_line import CONFIGS, assert_refused
 
 from bayesdrill.analysis.causes import SURE_LOG_ODDS
 from bayesdrill.analysis.refits import RefitMaximum, refit_candidate
@@ -224,34 +224,6 @@ def test_verify_names_a_changed_table_of_a_rung_or_of_the_comparison(
         result = command_line.cli("verify", copy / "out")
         assert_refused(result, f"{table}: was changed after this run had written it")
         assert result.err.count("\n") == 1, result.err
-
-
-def test_a_ladder_overwrites_nothing_unasked_and_resumes_only_itself(
-    finished: Ladder, tmp_path: Path
-) -> None:
-    shutil.copytree(finished.config.parent, tmp_path / "copy")
-    config, folder = tmp_path / "copy" / "given.yaml", tmp_path / "copy" / "out"
-    before = command_line.listing(tmp_path)
-    command = ("ladder", config, "-o", folder, "--processes", "1")
-    message = "results exist already; continue them with --resume"
-    assert_refused(command_line.cli(*command), message)
-    assert_refused(command_line.cli(*command, "--resume", "--force"), "--resume")
-    replace_text(config, "seed: 7", "seed: 8")
-    message = "cannot resume: the seed was 7 and is 8"
-    assert_refused(command_line.cli(*command, "--resume"), message)
-    replace_text(config, "seed: 8", "seed: 7")
-    assert command_line.listing(tmp_path).keys() == before.keys()
-    # All rungs are there: nothing is sampled, and the comparison is the same.
-    run_ladder(config, folder, "resume", Silent())
-    table = (folder / "comparison.csv").read_bytes()
-    assert table == (finished.folder / "comparison.csv").read_bytes()
-
-
-def test_a_config_that_is_wrong_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    config = command_line.small_config(tmp_path, ("k_s: nominal", "k_s: nominall"))
-    result = command_line.cli("ladder", config, "-o", tmp_path / "out")
-    assert_refused(result, "parameters.k_s")
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow

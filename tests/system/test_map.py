@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 from support import command_line
 from support.command_line import assert_refused, cli
-from support.document_blocks import ROOT
 from support.scipy_oracles import NOMINAL, by_expm
 from support.unexplained_records import try_only, write
 
@@ -56,9 +55,6 @@ def columns(path: Path) -> dict[str, Array]:
     return dict(zip(head, np.array(lines, dtype=float).T, strict=True))
 
 
-# --- what is kept --------------------------------------------------------------------------------
-
-
 def test_the_prediction_is_the_response_in_the_units_of_the_record(tmp_path: Path) -> None:
     """Oracle: the matrix exponential at the values of the maximum."""
     table = columns(best().save(tmp_path / "out") / "prediction.csv")
@@ -87,8 +83,7 @@ def test_a_maximum_of_arrays_is_kept_with_its_record(tmp_path: Path) -> None:
     assert bd.verify(out).together
     again = bd.load(out / "config.yaml").find_map()
     assert again.values == pytest.approx(best().values, rel=1e-6)
-    with (out / "map.csv").open(encoding="utf-8") as file:
-        rows = {row["name"]: row for row in csv.DictReader(file)}
+    rows = command_line.table(out / "map.csv")
     assert {name: float(row["map"]) for name, row in rows.items()} == dict(best().values)
     assert float(rows["k_s"]["nominal"]) == NOMINAL["k_s"]
     assert loads_checksummed((out / "map.json").read_bytes())["values"] == dict(best().values)
@@ -118,9 +113,6 @@ def rig(mapped: Path, tmp_path: Path) -> Path:
     return tmp_path / "rig"
 
 
-# --- whether a fit is believed -------------------------------------------------------------------
-
-
 def test_a_fit_that_must_not_be_believed_ends_with_status_3(tmp_path: Path) -> None:
     """As its posterior does; the report says so before it describes the fit."""
     config, out = command_line.small_config(tmp_path, WRONG_UNIT), tmp_path / "out"
@@ -138,56 +130,10 @@ def test_a_fit_that_must_not_be_believed_ends_with_status_3(tmp_path: Path) -> N
     assert "BELIEVE" not in best().table
 
 
-# --- why a fit is bad ----------------------------------------------------------------------------
-
-
 def advice(out: str) -> str:
     """Return what the most probable cause A adds to the config."""
     (line,) = [line for line in out.splitlines() if line.startswith("fit: A is the config with ")]
     return line.removeprefix("fit: A is the config with ").rstrip(".")
-
-
-# Records that do not come with the project: the advice, other lines, and words that are not there.
-SMALL = ROOT.parent / "shared" / "cases" / "small"
-WIDEN = "prior: t_0 is at an end of its prior, 0.02 s. Widen it before anything else."
-CASES: dict[str, tuple[str, list[str], list[str]]] = {
-    "ar1_as_noise/arm.yaml": ("one more inertia on a spring at the hub", [], ["with noise"]),
-    "clock_2_percent_slow/config.yaml": (
-        "a clock of the record whose times are 0.98",
-        ["  time: {scale: 0.98", "That leaves what looks like the noise."],
-        [],
-    ),
-    "lag_undriven/config.yaml": ("quadratic drag", [], ["a lag of "]),
-    "lag_of_only_channel/drop.yaml": ("quadratic drag", [], ["a lag of "]),
-    "rest_windows/config.yaml": (
-        "dry friction at the motor",
-        [],
-        ["windows of the record", "Bayes factor of A:", "; A:"],
-    ),
-    "sign_flipped/config.yaml": ("the sign of w_1 turned", ["    w_1: {gain: -1.0}"], []),
-    "swapped_columns/config.yaml": (
-        "the columns of w_1 and w_2 exchanged",
-        ["    w_1: {column: w1}\n    w_2: {column: w2}"],
-        [],
-    ),
-    "t0_prior_end/config.yaml": ("a wider prior of t_0", [WIDEN, "  t_0: {high: 0.06}"], []),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not SMALL.is_dir(), reason="records that do not come with the project")
-@pytest.mark.parametrize("name", CASES)
-def test_the_cause_of_a_bad_fit_is_advised(name: str) -> None:
-    """`make causes` maps 150 more records, with one fault each."""
-    cause, lines, absent = CASES[name]
-    out = cli("map", SMALL / name, "--processes", "1").out
-    assert cause in advice(out)
-    for line in lines:
-        assert line in out
-    for words in absent:
-        assert words not in out
-    if WIDEN in lines:
-        assert out.index(WIDEN) < out.index("fit: ")
 
 
 U = 5.0 * np.sign(np.sin(4.0 * np.arange(400) / 100)) + np.sin(11.0 * np.arange(400) / 100)

@@ -1,14 +1,14 @@
 """No command replaces a file that it reads, or one of others, under whatever name it is given."""
 
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from support import command_line, finished_runs
 from support.case_tables import run_cases
-from support.command_line import assert_refused, assert_refused_unchanged, cli, listing
+from support.command_line import assert_refused_unchanged, cli, listing
+from support.finished_runs import copied
 from typer.main import get_command
 
 from bayesdrill import output_files
@@ -28,11 +28,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     result = cli("map", config, "-o", place / "map_run", "--processes", "1")
     assert result.status == 0, result.text
     return place
-
-
-def copied(finished: Path, tmp_path: Path) -> Path:
-    shutil.copytree(finished, tmp_path / "rig")
-    return tmp_path / "rig"
 
 
 def commands_and_inputs(command: str, home: Path) -> Iterator[tuple[list[str | Path], list[Path]]]:
@@ -140,19 +135,6 @@ def test_results_never_replace_a_record_that_has_the_name_of_a_result(
         record.unlink()
         if before is not None:
             record.write_bytes(before)
-
-
-def test_a_figure_of_a_rig_never_replaces_the_record(tmp_path: Path) -> None:
-    config = command_line.small_config(
-        tmp_path, ("file: small.csv", "file: small.svg\n  format: csv")
-    )
-    (tmp_path / "small.svg").write_text(command_line.small_record())
-    check = unchanged(tmp_path, [tmp_path / "small.svg"])
-    assert_refused(cli("check", config, "--figure", tmp_path / "small.svg"), "never replaced")
-    check()
-
-
-# --- identify ------------------------------------------------------------------------------------
 
 
 def write(folder: Path, name: str, text: str = "mine") -> Path:

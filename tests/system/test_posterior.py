@@ -4,16 +4,13 @@ import itertools
 from pathlib import Path
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 import xarray
-from emcee.backends import HDFBackend
-from support import command_line, finished_runs
+from support import command_line
 from support.finished_runs import FIGURES, FILES, FinishedRun
 
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
-from bayesdrill.results.run_folder import seal
 from bayesdrill.sampling.proposal import learning
 from bayesdrill.tasks import pipeline
 
@@ -23,9 +20,6 @@ def fresh(folder: Path, *changes: tuple[str, str], processes: int = 1) -> Finish
     config = command_line.small_config(folder, *changes)
     result = command_line.posterior(config, folder / "out", processes=processes)
     return FinishedRun(config, folder / "out", result)
-
-
-# --- what a run leaves behind --------------------------------------------------------------------
 
 
 def test_a_run_leaves_a_complete_folder_and_nothing_else(drawn: FinishedRun) -> None:
@@ -45,26 +39,6 @@ def test_a_run_leaves_a_complete_folder_and_nothing_else(drawn: FinishedRun) -> 
     assert "converged: all targets are met" in (drawn.folder / "summary.md").read_text()
 
 
-def test_the_fit_is_described_on_the_terminal_and_in_the_summary(converged: FinishedRun) -> None:
-    lines = [line for line in converged.result.out.splitlines() if line.startswith("fit: ")]
-    assert lines[0].startswith("fit: the MAP leaves unexplained ")
-    assert lines[1].startswith("fit: the residuals look like the noise")
-    summary = (converged.folder / "summary.md").read_text()
-    assert "".join(f"- {line}\n" for line in lines) in summary
-    channels = [row["channel"] for row in converged.json["analysis"]["fit"]]
-    assert channels == ["theta_1", "w_1"]
-
-
-def test_the_chain_is_an_emcee_backend(converged: FinishedRun) -> None:
-    for k in range(4):
-        path = str(converged.folder / "chain.h5")
-        backend = HDFBackend(path, name=f"ensemble_{k}", read_only=True)
-        assert backend.get_chain().shape == (converged.json["steps"], 8, 2)
-        assert backend.get_log_prob().shape == backend.get_chain().shape[:2]
-        assert np.all(np.isfinite(backend.get_log_prob()))
-        assert np.all(backend.accepted > 0)
-
-
 def test_the_tree_has_the_groups_and_units_of_arviz(converged: FinishedRun) -> None:
     with xarray.open_datatree(converged.folder / "posterior.nc", engine="h5netcdf") as tree:
         groups = {"posterior", "sample_stats", "log_likelihood", "prior", "derived"}
@@ -80,29 +54,6 @@ def test_the_tree_has_the_groups_and_units_of_arviz(converged: FinishedRun) -> N
         assert np.all(np.isfinite(tree["log_likelihood"]["w_1"].values))
         k_e = tree["posterior"]["k_e"].values
         assert np.all((k_e > 0.5 * 0.06016) & (k_e < 1.5 * 0.06016))
-
-
-STAGES = [
-    "searching the MAP",
-    "looking at what the record can show",
-    "looking for other maxima",
-    "learning the proposal",
-    "looking for what the proposal leaves out",
-    "starting the walkers",
-    "computing the evidence",
-    "looking at what the draws say",
-    "making tables and figures",
-]
-
-
-def test_each_stage_is_announced(converged: FinishedRun) -> None:
-    announced = [line for line in converged.result.err.splitlines() if line.endswith(" ...")]
-    assert announced == [f"  {stage} ..." for stage in STAGES]
-    report = command_line.cli("report", converged.folder, "--processes", "1")
-    assert report.err.splitlines() == announced[-2:]
-
-
-# --- what a run repeats --------------------------------------------------------------------------
 
 
 def test_the_chain_does_not_depend_on_the_processes(converged: FinishedRun, tmp_path: Path) -> None:
@@ -134,9 +85,6 @@ def test_a_report_made_again_says_the_same_times(
     report = command_line.cli("report", run.folder, "--processes", "1")
     assert report.status == 0, report.text
     assert (run.folder / "report.html").read_bytes() == page
-
-
-# --- when a run is believed ----------------------------------------------------------------------
 
 
 def test_a_run_that_did_not_converge_says_so(unconverged: FinishedRun) -> None:
@@ -173,28 +121,6 @@ def test_a_posterior_that_the_proposal_does_not_cover_is_not_believed(
     assert run.json["missed"] == 0.02
 
 
-def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
-    """The end is named with the way out; a file of an older version is removed by the report."""
-    ends = ("k_e: {prior: uniform, low: 0.5", "k_e: {prior: uniform, low: 1.0")
-    run = finished_runs.run(tmp_path_factory, ends)
-    assert run.result.status == 0, run.result.text
-    words = "Cannot judge: k_e. The prior of k_e ends at 0.06016; widen it."
-    assert words in run.result.out
-    verdict = run.json["verdict"]
-    assert verdict["ends"] == {"k_e": 0.06016}
-    assert verdict["quantities"]["k_e"]["says"] == "cannot judge"
-    (run.folder / "opened.npz").write_text("of an older version")
-    report = command_line.cli("report", run.folder, "--processes", "1")
-    assert report.status == 0, report.text
-    assert words in report.out
-    assert not (run.folder / "opened.npz").exists()
-
-
-# --- the command line ----------------------------------------------------------------------------
-
-
 def test_python_without_docstrings_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -206,24 +132,3 @@ def test_python_without_docstrings_is_refused(
     assert result.err.splitlines() == [
         "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
     ]
-
-
-def test_a_stuck_walker_keeps_a_run_from_being_believed(copy: FinishedRun) -> None:
-    """The last log density of a walker of each ensemble is raised, so that it accepts no proposal.
-
-    R-hat, autocorrelation times and effective draws are content with the chain that goes on.
-    """
-    with h5py.File(copy.folder / "chain.h5", "r+") as file:
-        for k in range(4):
-            last = file[f"ensemble_{k}"]["chain"][-1]
-            middle = np.argmin(np.abs(last / np.median(last, axis=0) - 1).max(axis=1))
-            file[f"ensemble_{k}"]["log_prob"][-1, middle] += 1e6
-            seal(file[f"ensemble_{k}"])
-    command_line.replace_text(copy.config, "ess: 100, max_steps: 500", "ess: 8000, max_steps: 1200")
-    result = command_line.posterior(copy.config, copy.folder, "--resume")
-    assert result.status == 3, result.text
-    assert "4 of 32 walkers (1 in ensemble 0, 1 in ensemble 1" in result.out
-    assert "stuck: the longest did not move for" in result.out
-    assert copy.json["steps"] == 1200
-    assert len(copy.json["reasons"]) == 1
-    assert "stuck" in (copy.folder / "summary.md").read_text()

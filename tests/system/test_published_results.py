@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from docs import products, results
+from docs import results
 
 ROOT = results.ROOT
 
@@ -50,37 +50,3 @@ def test_another_config_record_table_or_figure_is_found(tree: Path) -> None:
     other = "1" if lines[-1][-1] != "1" else "2"
     record.write_text("\n".join([*lines[:-1], lines[-1][:-1] + other]) + "\n")
     assert any("the record was" in line for line in results.stale(tree))
-
-
-def test_the_figure_of_products_shows_what_is_published(tree: Path) -> None:
-    folder = results.published(ROOT) / "nominal_step"
-    drawn = products.products(folder)
-    assert [interval.name for interval in drawn] == [
-        "k_s/j_1",
-        "k_e",
-        "k_T/(r_m k_s)",
-        "j_m/k_s",
-        "r_m/l_m",
-    ]
-    assert all(abs(interval.map) < 3 for interval in drawn)
-    wide = products.parameters(folder, ROOT / "configs" / "nominal_step.yaml")
-    assert {interval.prior for interval in wide} == {(-50.0, 50.0)}
-    at_an_end = {interval.name for interval in wide if abs(interval.map) > 49.8}
-    assert at_an_end == {"j_m", "c_m", "k_s", "j_1", "t_f"}
-    assert products.evaluate("k_T^2/(r_m k_s)", {"k_T": 3.0, "r_m": 4.0, "k_s": 5.0}) == 0.45
-    (tree / "docs" / "figures").mkdir(parents=True)
-    products.save(tree)
-    assert list(products.stale(tree)) == []
-    change(results.published(tree) / "nominal_step" / "summary.csv", "determined", "weak")
-    assert list(products.stale(tree)) == [
-        "docs/figures/products.png is not of the published tables"
-    ]
-
-
-def test_a_design_of_other_priors_or_without_its_table_is_found(tree: Path) -> None:
-    change(tree / "configs" / "nominal_step.yaml", "  c_m: {", "  c_m: 1.0e-3 #{")
-    (results.published(tree) / results.DESIGNED / "design.csv").unlink()
-    assert {*results.stale(tree)} >= {
-        "nominal_step_designed: parameters of coming.yaml is not that of nominal_step",
-        "nominal_step_designed: design.csv is missing",
-    }

@@ -157,8 +157,6 @@ def test_wheel_and_sdist_stay_small(dist: Dist) -> None:
         assert path.stat().st_size < LARGEST[path.suffix], path.name
 
 
-# --- installed ---------------------------------------------------------------------------------
-
 PYTHONS = ("3.12", "3.13", "3.14", "3.15")
 
 

@@ -27,9 +27,6 @@ def copied(converged: FinishedRun, tmp_path: Path) -> FinishedRun:
     return converged.copy(tmp_path / "copy")
 
 
-# --- a run that goes on --------------------------------------------------------------------------
-
-
 def test_a_finished_run_resumed_changes_nothing(converged: FinishedRun, copy: FinishedRun) -> None:
     assert posterior(copy.config, copy.folder, "--resume").status == 0
     assert set(command_line.listing(copy.folder)) == FILES
@@ -129,16 +126,6 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
     unconverged.assert_same_chains(FinishedRun(config, other, report))
 
 
-# --- a run of something else ---------------------------------------------------------------------
-
-
-def test_a_second_fresh_run_is_refused(copy: FinishedRun) -> None:
-    before = command_line.listing(copy.folder)
-    result = posterior(copy.config, copy.folder)
-    assert_refused(result, "results exist already", "--resume", "--force")
-    assert command_line.listing(copy.folder) == before
-
-
 K_E = "low: 0.5, high: 1.5, relative: true}\n  k_T"
 J_1 = "j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
 W_1 = "w_1: {column: w_1, unit: rad/s, sigma: 0.05"
@@ -194,9 +181,6 @@ def test_resuming_under_another_version_of_what_decides_the_chain_is_refused(
         assert '"the version of numpy": "0.0.1"' in (copy.folder / "run.json").read_text()
 
 
-# --- --force -------------------------------------------------------------------------------------
-
-
 def test_force_killed_while_it_clears_a_folder_can_be_repeated(
     converged: FinishedRun, copy: FinishedRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -229,9 +213,6 @@ def test_force_killed_while_it_clears_a_folder_can_be_repeated(
     assert not (copy.folder / "figures").exists()
     assert posterior(copy.config, copy.folder, "--resume").status == 0
     converged.assert_same_chains(copy)
-
-
-# --- damaged results -----------------------------------------------------------------------------
 
 
 def digit_changed(content: bytes) -> bytes:
@@ -270,9 +251,6 @@ def test_a_damaged_result_is_named_and_nothing_is_written(
     for result in commands:
         assert_refused(result, name, way_out)
     assert command_line.listing(copy.folder) == before
-
-
-# --- disks ---------------------------------------------------------------------------------------
 
 
 @pytest.fixture

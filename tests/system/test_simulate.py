@@ -67,9 +67,6 @@ def test_a_record_that_its_config_could_not_read_is_not_written(
     assert listing(tmp_path) == before
 
 
-# --- files that are there ------------------------------------------------------------------------
-
-
 def test_another_simulation_is_overwritten_with_force_only(tmp_path: Path) -> None:
     """The same config and seed give the same record."""
     config, other = command_line.small_config(tmp_path), tmp_path / "other.csv"

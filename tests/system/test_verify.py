@@ -14,6 +14,7 @@ import xarray
 from support import command_line, finished_runs, forked_command
 from support.case_tables import run_cases
 from support.command_line import assert_refused, cli, posterior, renew_digests
+from support.finished_runs import copied
 
 import bayesdrill as bd
 from bayesdrill.config.job import prepare
@@ -34,12 +35,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def copied(finished: Path, tmp_path: Path) -> Path:
-    """The rig and its runs, to be changed."""
-    shutil.copytree(finished, tmp_path / "rig")
-    return tmp_path / "rig"
-
-
 rig = pytest.fixture(copied, name="rig")
 
 
@@ -47,9 +42,6 @@ def replace_once(path: Path, old: str, new: str) -> None:
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
-
-
-# --- what does not belong ------------------------------------------------------------------------
 
 
 def edited_table(rig: Path) -> None:
@@ -170,8 +162,6 @@ def test_a_run_is_not_compared_with_itself(finished: Path, tmp_path: Path) -> No
     assert cli("report", finished / "out", link, "-o", tmp_path / "over").status == 0
 
 
-# --- what is missing, damaged, or endless --------------------------------------------------------
-
 SOURCES = ("chain.h5", "map.json", "config.resolved.yaml")
 
 
@@ -274,9 +264,6 @@ def test_a_chain_of_other_walkers_or_unknowns(
     assert cli("report", rig / "out").status == 2
 
 
-# --- what belongs --------------------------------------------------------------------------------
-
-
 def test_what_belongs_together_passes(rig: Path) -> None:
     """After a report too, in another place, and for a case that was saved from memory."""
     result = cli("verify", rig / "out")
@@ -334,9 +321,6 @@ def test_every_file_of_a_record_is_part_of_its_run(tmp_path: Path) -> None:
     time, before = lines[30].split(",")[0], lines[29].split(",", 1)[1]
     replace_once(more / "speed.csv", lines[30], f"{time},{before}")
     assert "the record was 101 samples" in bd.verify(out).said
-
-
-# --- runs of others, and reports elsewhere -------------------------------------------------------
 
 
 @pytest.fixture

@@ -197,8 +197,3 @@ def test_work_ends_where_the_scheduler_is_silent_or_gone() -> None:
     assert end(client) == "out: the scheduler does not answer; continue with --resume"
     cancelled.cancel()  # Dask gives its futures up
     assert "the scheduler is gone; continue with --resume" in end(Client(), cancelled)
-
-
-def slow(index: int) -> int:
-    time.sleep(0.5)
-    return index

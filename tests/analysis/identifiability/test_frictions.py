@@ -165,11 +165,6 @@ def test_static_friction_of_a_rig_that_never_slows_down_is_left_to_the_prior() -
         assert confounding(believed(*STATIC, amplitude * np.sin(2 * T))).unseen == ()
 
 
-def test_of_a_rig_without_friction_nothing_is_said() -> None:
-    assert confounding(believed(("k_e", "k_s"), {}, 8.0)) == FrictionConfounding()
-    assert friction_sentences(FrictionConfounding(), RIG) == ""
-
-
 @run_cases("added", [{"t_cm": 0.05}, {"t_cm": 0.03, "t_c1": 0.2, "v_d": 0.4}])
 def test_the_stall_voltage_holds_all_friction(added: dict[str, float]) -> None:
     """v = r_m T / k_T + v_d, where T is the torque of all friction at the motor."""

@@ -1,11 +1,8 @@
 """Symmetries that are proven, directions without any, and scales that held numbers settle."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from support.case_tables import run_cases
-from support.linear_study import TABLE, gaussian, verdict
 from support.scipy_oracles import ORDER
 from support.small_problems import noisy_step, posterior
 
@@ -29,11 +26,7 @@ from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections.identifiability import (
     dependence_sentences,
-    describe_study,
-    summarise_study,
 )
-from bayesdrill.report.sections.nominal import verdict_sentences
-from bayesdrill.rig.models.motor_shaft import MotorShaft
 
 # Slopes by a, b, c at some points, where the record shows a + b and c.
 SUMS = [
@@ -82,8 +75,6 @@ def test_scaling_by_powers_of_two_rounds_nothing() -> None:
     twice = scaled_by_two(theta, (1, -2, 0))
     assert np.array_equal(scaled_by_two(twice, (-1, 2, 0)), theta)
 
-
-# --- scales that depend on held numbers --------------------------------------------------------------
 
 SIGMA = np.array([0.02, 0.01, 0.05, 0.03])
 MECHANICAL = frozenset({"j_m", "c_m", "k_T", "k_s", "j_1", "t_f"})
@@ -172,17 +163,3 @@ def test_a_record_too_noisy_for_the_inductance_depends_on_the_prior_of_the_resis
     text = dependence_sentences(study(target))
     assert "depend on the prior" in text
     assert "more than on the record, which hardly shows l_m." in text
-
-
-def test_dependences_are_named_before_sampling_and_in_the_verdict() -> None:
-    result = study(target_with("l_m"))
-    for text in (describe_study(result, MotorShaft()), summarise_study(result)):
-        assert "k_T and r_m depend on l_m, which the config holds, and can be right only" in text
-    judged = verdict(gaussian({**TABLE, "r_m": 1.2 * TABLE["r_m"]}, np.random.default_rng(2)))
-    (own,) = result.resting
-    on_prior = dataclasses.replace(own, following=np.eye(len(result.names)))
-    unrelated = dataclasses.replace(own, names=("k_s", "j_1", "l_m", "r_m"), exponents=(1, 1, 1, 0))
-    texts = [verdict_sentences(judged, "table", rests=(one,)) for one in (own, on_prior, unrelated)]
-    assert "\nr_m depends on l_m, which the config holds fixed" in texts[0]
-    assert "depends on the prior of r_m, as the record alone determines little" in texts[1]
-    assert " depend" not in texts[2]

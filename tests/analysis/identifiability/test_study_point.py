@@ -7,7 +7,6 @@ import pytest
 from support.case_tables import run_cases
 
 import bayesdrill as bd
-from bayesdrill.analysis.identifiability.information import SensitivityStudy
 
 T = np.linspace(0.0, 3.0, 121)
 PUSH = 2.0 * np.sin(3.0 * T)
@@ -95,32 +94,6 @@ def test_nothing_is_said_of_the_record_where_no_draw_moves_the_rig() -> None:
         assert "Nor does it at likely draws from the priors" in text
         assert "left to the prior" not in text
         assert "not at all" not in text
-
-
-def test_slopes_that_overflow_tell_nothing() -> None:
-    """Rock that is far stronger than the motor all but holds a bit at the end of a stiff string."""
-    t, ends = np.arange(100) * 0.05, ("motor", "bit")
-    drives, added = {"motor": "current"}, ("c_string",)
-    rig = bd.Train(ends, {"string": ends}, drives=drives, rock=("bit",), added=added)
-    inputs = {"i_motor": bd.Input(134.13125 * (t > 0.3), "A"), "wob_bit": 105.368323}
-    believed = {
-        "j_motor": wide(1.10709, 996.536),
-        "k_string": wide(500.075, 43349),
-        "c_string": wide(5.47821, 1212.9),
-        "j_bit": 2.02478,
-        "k_T_motor": 0.1,
-        "b_0_bit": wide(0.659853, 49.4256),
-        "b_1_bit": wide(2.17322, 21.9248),
-        "b_2_bit": wide(3.19202, 8130.4),
-        "b_3_bit": 0.0925623,
-    }
-    channels = {"theta_bit": bd.Channel(0.01 * np.sin(t), "rad", wide(0.001, 1))}
-    case = bd.case(t, channels, inputs, believed, rig=rig)
-    posterior = case.job.problem.posterior
-    start = posterior.space.vector(posterior.space.start)
-    assert np.isfinite(SensitivityStudy(posterior.likelihood).with_nuisances(start)).all()
-    case.preview()
-    assert np.isfinite(case.identify().study.information.root).all()
 
 
 @run_cases(

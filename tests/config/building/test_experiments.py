@@ -14,12 +14,10 @@ from bayesdrill.config.records import simulation
 from bayesdrill.inference import derived
 from bayesdrill.inference.priors import TruncatedNormal
 from bayesdrill.report import words
-from bayesdrill.results import provenance
 
 FAST = "  fast: {record: {file: fast.csv}}\n"
 SHARED = "shared: [lag_theta_1, offset_theta_1]"
 FREE_START = ("experiments:\n  slow", "initial: free\nexperiments:\n  slow")
-CASES = command_line.ROOT.parent / "shared" / "cases" / "small"
 
 # A cart on a spring, with a known weight on it that is another one in each run.
 CART = """\
@@ -158,18 +156,6 @@ def test_a_known_load_on_a_cart_determines_its_mass(tmp_path: Path) -> None:
     assert at_truth["m_cart_loaded"] == pytest.approx(1.3)
 
 
-def test_a_resolved_config_holds_the_numbers_of_each_experiment(tmp_path: Path) -> None:
-    formula = ("output:", "derived: {ratio: j_1/k_s_slow}\noutput:")
-    job = pair(tmp_path, in_slow("parameters: {k_s: 0.1, j_m: 2*k_s*1.0e-3}"), formula)
-    resolved = tmp_path / "again.yaml"
-    resolved.write_text(provenance.resolved(job.case, tmp_path))
-    again = prepare(resolved)
-    marks, others = (provenance.fingerprint(x.config, x.problem) for x in (job, again))
-    assert marks == others
-    assert marks["k_s_slow, which is held,"] == "0.1"
-    assert again.problem.derived[0].expression.text == "j_1 / k_s_slow"
-
-
 def test_free_states_are_as_wide_as_the_channels(tmp_path: Path) -> None:
     priors = pair(
         tmp_path, FREE_START, ("walkers: 16", "walkers: 32")
@@ -208,15 +194,3 @@ def test_a_state_of_which_no_channel_tells_needs_a_prior(tmp_path: Path) -> None
     ]
     with pytest.raises(InputError, match=r"initial\.theta_1: .*give it a prior"):
         pair(tmp_path, *changes)
-
-
-@pytest.mark.skipif(not CASES.is_dir(), reason="the records of others are not there")
-def test_campaigns_with_numbers_of_their_own_are_read(tmp_path: Path) -> None:
-    ran = command_line.cli("check", CASES / "own_derived" / "config.yaml")
-    assert ran.status == 0, ran.text
-    text = (CASES / "own_held_values" / "per.yaml").read_text().replace("../", f"{CASES}/")
-    for column in ("t [s]", "theta [rad]", "u [V]"):
-        text = text.replace(f'"{column}"', column.partition(" ")[0])
-    ran = command_line.cli("check", write(tmp_path, text))
-    assert ran.status == 0, ran.text
-    assert "g_arm_a = 0.8236, g_arm_b = 0.8236" in ran.out

@@ -7,14 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import command_line, two_experiments
-from support.config_texts import DRILL_T, write, write_shaft
+from support.config_texts import DRILL_T, write_shaft
+from support.small_problems import starts_believed
 
+from bayesdrill.analysis.latent_torque import is_approximate
 from bayesdrill.config import loading
 from bayesdrill.config.building.channels import build_channel, build_noise
 from bayesdrill.config.job import prepare
 from bayesdrill.config.schema.records import ChannelSpec
 from bayesdrill.inference.noise.quantised import Quantised
 from bayesdrill.inference.priors import LogNormal, TruncatedNormal, Uniform
+from bayesdrill.report.sections.torque import beside
 from bayesdrill.rig.models.linear import with_all
 from bayesdrill.rig.models.train import Train
 
@@ -39,6 +42,7 @@ def shaken(folder: Path, *changes: tuple[str, str], torque: str = TORQUE) -> Pat
     return command_line.small_config(folder, *more, *changes)
 
 
+@starts_believed()
 def test_numbers_and_priors_are_in_si(tmp_path: Path) -> None:
     """Each by its own unit: an offset in that of the column, a time in s, a state in SI."""
     gain = "gain: {prior: log_normal, median: 0.9, sd_log: 0.1}, lag: {value: 3, unit: ms}"
@@ -82,6 +86,7 @@ LOAD = "t_1: {column: torque, unit: mN*m"
 LAGGED = (LOAD, f"{LOAD}, lag: {{prior: uniform, low: -40, high: 60, unit: ms}}")
 
 
+@starts_believed()
 def test_one_measured_input_has_the_delay_of_all(tmp_path: Path) -> None:
     """Of several, each has its own lag."""
     alone = ("w_2: {column: top, unit: rpm}", "w_2: 9.0")
@@ -95,6 +100,7 @@ def test_one_measured_input_has_the_delay_of_all(tmp_path: Path) -> None:
     assert (prior.low, prior.high) == pytest.approx((-0.04, 0.06))
 
 
+@starts_believed()
 def test_samples_that_a_late_input_leaves_undetermined_are_left_out(tmp_path: Path) -> None:
     """A moving rig's first 60 ms, which a torque from before the record may have moved, and the last 40,
     whose torque may stand after its end.
@@ -112,10 +118,8 @@ def test_samples_that_a_late_input_leaves_undetermined_are_left_out(tmp_path: Pa
         assert any("after the end of the record (lag)" in note for note in experiment.told)
 
 
-# Noise.
-
-
 @pytest.mark.parametrize("kind", ["{name: ar1, rho: 0.5}", "{name: student_t, degrees: 4}"])
+@starts_believed()
 def test_a_number_of_noise_that_is_held_needs_no_walkers(kind: str, tmp_path: Path) -> None:
     """With one unknown more, four walkers are too few (`mistakes.yaml`)."""
     config = command_line.small_config(tmp_path, noisy(kind), ("walkers: 8", "walkers: 4"))
@@ -156,32 +160,17 @@ def test_an_impossible_true_correlation_is_refused(tmp_path: Path) -> None:
     assert f"simulation.truth.rho_w_1: {message}" in ran.err
 
 
-# A missing torque.
-
-
+@starts_believed()
 def test_a_missing_torque_beside_friction_is_said_to_be_an_approximation(tmp_path: Path) -> None:
     friction = ("  t_f: nominal", "  t_f: nominal\n  t_cm: 0.01")
-    ran = command_line.cli("check", shaken(tmp_path, friction))
-    assert ran.status == 0, ran.text
-    assert "beside friction it is an approximation" in ran.out
-    assert "approximation" not in command_line.cli("check", shaken(tmp_path)).out
-
-
-def test_a_missing_torque_beside_gravity_is_said_to_be_an_approximation(tmp_path: Path) -> None:
-    path = write(
-        tmp_path,
-        "name: pendulum\nseed: 1\nrecord: {file: p.csv, time: {column: t, unit: s}, channels: "
-        "{theta_arm: {column: y, unit: rad, sigma: 0.01}}}\ninputs: {t_arm: 0.1}\n"
-        "model: {name: train, inertias: [arm], drives: {arm: torque}, gravity: [arm]}\n"
-        "missing_torque: {at: arm, size: 0.1, time: 1.0}\n"
-        "parameters: {j_arm: {prior: log_normal, median: 0.01, sd_log: 0.5}, g_arm: 0.5}\n",
+    given, rubbing = (prepare(shaken(tmp_path, *x)).problem for x in ((), (friction,)))
+    assert not is_approximate(given.posterior)
+    assert is_approximate(rubbing.posterior)
+    assert "beside friction it is an approximation" in beside(rubbing.model)
+    pendulum = Train(inertias=("arm",), drives={"arm": "torque"}, gravity=("arm",))
+    assert "beside gravity it is an approximation, as if a pendulum were a spring" in beside(
+        pendulum
     )
-    t = 0.01 * np.arange(200)
-    table = np.column_stack([t, 0.2 * np.sin(7 * t)])
-    np.savetxt(tmp_path / "p.csv", table, delimiter=",", header="t,y", comments="")
-    ran = command_line.cli("check", path)
-    assert ran.status == 0, ran.text
-    assert "beside gravity it is an approximation, as if a pendulum were a spring" in ran.out
 
 
 def test_a_record_is_simulated_with_a_missing_torque(tmp_path: Path) -> None:

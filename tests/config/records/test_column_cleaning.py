@@ -5,18 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.case_tables import run_cases
-from support.config_texts import ANGLE, RNG, SPEED, SUPPLY, T, read_measured, save
-
-from bayesdrill.basics.errors import InputError
+from support.config_texts import ANGLE, RNG, SPEED, SUPPLY, T, read_measured, refused, save
 
 SPIKED = SPEED.copy()
 SPIKED[[60, 61, 150]] = -90.0
-
-
-def refused(folder: Path, **entries: str) -> str:
-    with pytest.raises(InputError) as caught:
-        read_measured(folder, **entries)
-    return str(caught.value)
 
 
 def test_glitches_are_listed_with_rows_and_times_and_kept(tmp_path: Path) -> None:

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.config_texts import RNG, SPEED, SUPPLY, T, load_measured, read_measured, save
+from support.config_texts import RNG, SPEED, SUPPLY, T, load_measured, read_measured, refused, save
 
-from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.config.assembly.problem import build_problem
 from bayesdrill.config.records import reading
@@ -45,12 +44,6 @@ def table(tmp_path: Path) -> np.ndarray:
     values = np.column_stack([times, angle, speeds, 8e3 + np.arange(50)])
     save_table(tmp_path, values)
     return values
-
-
-def refused(folder: Path, **entries: str) -> str:
-    with pytest.raises(InputError) as caught:
-        read_measured(folder, **entries)
-    return str(caught.value)
 
 
 def with_blanks(values: np.ndarray, *missing: int) -> list[str]:
@@ -102,9 +95,6 @@ def test_constant_inputs_start_at_zero_and_the_state_may_be_given(tmp_path: Path
     assert rate.t == pytest.approx(np.arange(50) / 250)
 
 
-# Times.
-
-
 def test_even_and_jittered_times_are_those_of_the_file(tmp_path: Path) -> None:
     for times, even in (
         (np.round(np.arange(240) / 300, 6), True),
@@ -114,9 +104,6 @@ def test_even_and_jittered_times_are_those_of_the_file(tmp_path: Path) -> None:
         experiment = read_measured(tmp_path)
         assert experiment.t.tolist() == [float(f"{x:.12g}") for x in times]
         assert experiment.uniform or not even
-
-
-# Missing samples.
 
 
 def test_missing_samples_are_left_out_on_request(tmp_path: Path) -> None:
@@ -157,9 +144,6 @@ def test_missing_samples_of_an_input_are_bridged_as_it_is_held(
         message = refused(tmp_path, v=f"{column}, missing: hold}}")
         assert f"at line {row + 2}" in message
         assert "record.window" in message
-
-
-# Windows.
 
 
 def test_between_several_windows_the_rig_goes_on(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from support.config_texts import (
     save,
     write_shaft,
 )
+from support.small_problems import starts_believed
 
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
@@ -23,6 +24,7 @@ TOP = "w_2: {column: top, unit: rpm}"
 IMPOSED = (TOP, "theta_2: {column: angle, unit: deg}")
 
 
+@starts_believed()
 def test_measured_inputs_are_converted_to_si(tmp_path: Path) -> None:
     law = ("  k_s: {", "  b_0: 1.0e-3\n  b_1: 2\n  b_2: 5\n  b_3: 5\n  k_s: {")
     weight = ("inputs:\n", "inputs:\n  wob: {column: weight, unit: kN}\n")
@@ -37,6 +39,7 @@ def test_measured_inputs_are_converted_to_si(tmp_path: Path) -> None:
 
 
 @run_cases("column, wraps", [("angle", ""), ("turned", ", wraps: true")])
+@starts_believed()
 def test_an_imposed_angle_is_its_speed_between_samples(
     column: str, wraps: str, tmp_path: Path
 ) -> None:
@@ -50,6 +53,7 @@ def test_an_imposed_angle_is_its_speed_between_samples(
     assert "theta_2_0" not in problem.names
 
 
+@starts_believed()
 def test_an_imposed_angle_may_have_times_of_its_own(tmp_path: Path) -> None:
     """Every 70 ms; the bit every 10 ms, from somewhere between on."""
     slow = 4.97 + 0.07 * np.arange(32)
@@ -64,6 +68,7 @@ def test_an_imposed_angle_may_have_times_of_its_own(tmp_path: Path) -> None:
     assert experiment.start["theta_2"] == pytest.approx(first)
 
 
+@starts_believed()
 def test_a_free_start_frees_no_imposed_angle(tmp_path: Path) -> None:
     start = ("initial: {", "initial: {state: free, ")
     assert "theta_2_0" in prepare(write_shaft(tmp_path, start)).problem.names

@@ -4,18 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.config_texts import ANGLE, RNG, SPEED, SUPPLY, T, read_measured, save
+from support.config_texts import ANGLE, RNG, SPEED, SUPPLY, T, read_measured, refused, save
 
-from bayesdrill.basics.errors import InputError
 from bayesdrill.record import clocks
 
 MORE = "theta_1: {file: more.csv, column: phi, unit: rad, sigma: 1}"
-
-
-def refused(folder: Path, **entries: str) -> str:
-    with pytest.raises(InputError) as caught:
-        read_measured(folder, **entries)
-    return str(caught.value)
 
 
 def test_every_column_may_have_its_own_file_and_clock(tmp_path: Path) -> None:

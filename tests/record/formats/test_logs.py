@@ -104,8 +104,6 @@ def test_messages_of_mcap_that_are_no_json_are_named(tmp_path: Path) -> None:
         table.pick("/ros")
 
 
-# --- LeRobot ---------------------------------------------------------------------------------------
-
 STATE = np.arange(12.0).reshape(6, 2)
 
 

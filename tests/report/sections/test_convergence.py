@@ -3,41 +3,10 @@
 import emcee
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from support.case_tables import for_each
-from support.figure_checks import SYMBOLS, drawn, legend_texts, si, xy
-from support.figure_contexts import chains, ranks, trace, trace_of
+from support.figure_checks import SYMBOLS, drawn, legend_texts, xy
+from support.figure_contexts import chains, ranks
 
-from bayesdrill.report.sections.convergence import STRETCHES, autocorrelation_figure
-
-
-def medians(figure: Figure, panel: int) -> list[Line2D]:
-    lines = figure.axes[panel].get_lines()
-    return [c for c in lines if len(c.get_xdata()) > 2 and c.get_linestyle() != "None"]
-
-
-def test_the_trace_shows_the_medians_of_stretches_and_says_burn_in_once() -> None:
-    def check(logs: frozenset[str]) -> None:
-        figure, theta = trace(logs=logs), trace_of()
-        label = figure.axes[4].get_ylabel()
-        assert len(medians(figure, 4)) == 3
-        for ensemble, median in zip(theta, medians(figure, 4), strict=True):
-            places, shown = xy(median)
-            assert len(places) <= STRETCHES
-            assert places[0] < 10
-            assert places[-1] > 490
-            course = np.median(ensemble[:, :, 4], axis=1)
-            for place, u in zip(places, shown, strict=True):
-                near = course[np.abs(np.arange(500) - place) <= 6]
-                assert near.min() <= si(label, 10.0**u if logs else u) <= near.max()
-        assert legend_texts(figure).count("burn-in: 70 steps dropped") == 1
-
-    for_each({"log": (frozenset(("r_m",)),), "plain": (frozenset(),)}, check)
-
-
-def dash(line: Line2D) -> tuple[float, ...]:
-    return tuple(line._unscaled_dash_pattern[1] or ())
+from bayesdrill.report.sections.convergence import autocorrelation_figure
 
 
 def test_an_ensemble_that_leaves_the_band_of_ranks_is_drawn_so() -> None:

@@ -11,28 +11,17 @@ from support.figure_checks import (
     TABLE,
     corner_panels,
     displayed,
-    drawn,
-    legend_texts,
     mode_of,
     posterior,
     si,
 )
 
-from bayesdrill.inference.priors import LogUniform, Prior, Uniform
-from bayesdrill.report import scales, style
+from bayesdrill.inference.priors import Uniform
+from bayesdrill.report import style
 from bayesdrill.report.sections.corner import corner_figure
 
 NINE = tuple(range(9))
 PAIR = (SYMBOLS[0], SYMBOLS[6])  # j_m and k_s
-PRIORS: dict[str, Prior] = {
-    "j_m": LogUniform(0.02 * TABLE["j_m"], 50 * TABLE["j_m"]),
-    "k_s": Uniform(0.5 * TABLE["k_s"], 1.5 * TABLE["k_s"]),
-}
-
-
-def draws_of_priors(n: int = 20_000) -> np.ndarray:
-    u = np.random.default_rng(4).random((n, 2))
-    return np.stack([PRIORS[s.name].quantile(u[:, k]) for k, s in enumerate(PAIR)], axis=-1)
 
 
 def histogram(panel: Axes) -> tuple[np.ndarray, np.ndarray]:
@@ -50,10 +39,6 @@ def line(panel: Axes, colour: object, *, upright: bool) -> float:
         if visible and candidate.get_color() == colour and list(along) == [0, 1]:
             return float(across[0])
     raise AssertionError(f"no line of {colour}")
-
-
-def value(label: str, u: float, *, log: bool) -> float:
-    return si(label, 10.0**u if log else u)
 
 
 def test_nominal_values_and_the_map_are_at_their_places() -> None:
@@ -98,44 +83,3 @@ def test_a_flat_density_has_no_contour_and_a_histogram_ends_where_its_prior_does
         assert low[0] * (1 - 1e-9) <= first < last <= high[0] * (1 + 1e-9)
         if flat:
             assert counts[[0, -1]].min() > 0.7 * np.median(counts)
-
-
-def test_a_nominal_value_off_the_axis_is_pointed_at() -> None:
-    draws = posterior(500, 1e-5)[:, [0, 9]] * np.array([1.2, 1.0])
-    figure = drawn(corner_figure(draws, displayed((SYMBOLS[0], SYMBOLS[9]), TABLE, {}, {})))
-    first, _, last = figure.axes
-    assert [c.get_marker() for c in first.get_lines()] == ["<"]
-    assert len(last.get_lines()) == 0  # sigma_w_1 has no nominal value
-    texts = legend_texts(figure)
-    assert "nominal value, off the axis" in texts
-    assert not {"nominal value", "prior", "MAP"} & set(texts)
-
-
-def test_each_axis_of_small_panels_says_its_ends() -> None:
-    """In numbers of the unknown, also on a logarithmic axis."""
-    figure = contexts.corner(NINE, scales.SINGLE, logs=frozenset(("c_m",)))
-    below = [panel.get_xlabel().split("\n") for panel in figure.axes[-9:]]
-    assert all(len(lines) == 2 and " to " in lines[1] for lines in below)
-    low, high = (float(end) for end in below[1][1].split(" to "))
-    draws = posterior(1500)[:, 1]
-    power = 10.0 ** round(np.log10(np.median(draws) / np.sqrt(low * high)))
-    assert 0 < low * power < np.quantile(draws, 0.01)
-    assert np.quantile(draws, 0.99) < high * power < 30 * np.median(draws)
-
-
-def test_a_log_uniform_prior_is_flat_on_a_logarithmic_axis_beside_a_plain_one() -> None:
-    draws, mode = draws_of_priors(), {"j_m": 1e-4, "k_s": 0.3}
-    panels = corner_panels(corner_figure(draws, displayed(PAIR, TABLE, mode, PRIORS)))
-    for k, (symbol, log) in enumerate(zip(PAIR, (True, False), strict=True)):
-        panel, label, prior = panels[k, k], panels[1, k].get_xlabel(), PRIORS[symbol.name]
-        counts, edges = histogram(panel)
-        assert counts.min() > 0.75 * np.median(counts)
-        density = next(c for c in panel.get_lines() if len(c.get_xdata()) > 100)
-        height = np.asarray(density.get_ydata())
-        assert np.ptp(height[height > 0]) < 1e-6 * height.max()
-        assert height.max() == pytest.approx(counts.mean(), rel=0.02)
-        ends = [value(label, float(edge), log=log) for edge in edges[[0, -1]]]
-        assert ends == pytest.approx([prior.low, prior.high], rel=1e-6)
-        lines = [c.get_xdata() for c in panel.get_lines() if len(c.get_xdata()) == 2]
-        places = sorted(value(label, float(x[0]), log=log) for x in lines)
-        assert places == pytest.approx(sorted([TABLE[symbol.name], mode[symbol.name]]))

@@ -18,7 +18,6 @@ from bayesdrill.report.sections.fit import (
     corners,
     extremes,
     fit_figure,
-    record_figure,
 )
 
 
@@ -46,17 +45,6 @@ def test_a_fit_shows_samples_model_and_residuals() -> None:
     edges = [c.get_ydata()[0] for c in right.get_lines() if c.is_dashed()]
     band = np.array([-1, 1]) * 1.8808 * signal.sigma
     np.testing.assert_allclose(sorted(read(right.get_ylabel(), edges)), band, rtol=1e-4)
-
-
-def test_a_record_is_drawn_without_a_model_and_its_inputs_in_a_panel_of_their_own() -> None:
-    fit = fit_of(2, 200, courses=1)
-    *channels, driven = drawn(record_figure(fit)).axes
-    for panel, signal in zip(channels, fit.signals, strict=True):
-        assert len(panel.get_lines()) == 1
-        np.testing.assert_allclose(dots(panel)[1], signal.y)
-        np.testing.assert_allclose(dots(panel)[0], fit.t)
-    (line,) = driven.get_lines()
-    assert {*np.round(read(driven.get_ylabel(), line.get_ydata()))} == {-8000, 8000}
 
 
 def test_each_channel_says_what_is_unexplained_and_a_constant_channel_nothing() -> None:

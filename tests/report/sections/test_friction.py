@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from matplotlib.patches import StepPatch
 from support.figure_checks import drawn, si
 from support.friction_oracle import Rig, simulate
 from support.scipy_oracles import NOMINAL
@@ -104,15 +103,6 @@ def test_a_law_is_drawn_at_the_speeds_of_the_motor_with_map_and_nominal_values()
     x, y = rotor.get_lines()[1].get_data()
     just_above = si(rotor.get_ylabel(), y[np.argmax(x > 0)])
     assert just_above == pytest.approx(TRUTH["t_s1"], rel=1e-2)
-
-
-def test_the_speeds_of_the_record_stand_below_a_law() -> None:
-    panel = figure("friction").axes[1]
-    (steps,) = (p for p in panel.patches if isinstance(p, StepPatch))
-    heights, edges, low = steps.get_data()
-    speeds = view().chain.friction_motions[0][1].speed
-    counts, _ = np.histogram(speeds, [si(panel.get_xlabel(), e) for e in edges])
-    np.testing.assert_allclose((heights - low) / (heights - low).max(), counts / counts.max())
 
 
 def test_numbers_of_steps_are_said_to_be_enough_or_too_few() -> None:

@@ -3,13 +3,10 @@
 import numpy as np
 import pytest
 from support.case_tables import for_each
-from support.figure_checks import SYMBOLS, TABLE, drawn, mode_of, posterior
+from support.figure_checks import SYMBOLS, mode_of, posterior
 from support.figure_contexts import prior_posterior, ridge
-from support.linear_study import NAMES, gaussian, verdict
 
 from bayesdrill.analysis.identifiability.structure import ScalingStructure
-from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.report.sections.nominal import invariants_figure
 from bayesdrill.report.sections.parameters import CorrelatedPair, strongest_pair
 
 
@@ -53,24 +50,3 @@ def test_the_exact_line_passes_through_the_map_with_the_slope_of_the_exponents()
         for values, name in zip(panel.lines[0].get_data(), ("k_s", "j_1"), strict=True)
     )
     assert np.diff(np.log(y)) / np.diff(np.log(x)) == pytest.approx(2.0)
-
-
-def test_on_two_logarithmic_axes_a_symmetry_is_a_straight_line_in_the_box_of_the_priors() -> None:
-    (panel,) = ridge(frozenset(("k_s", "j_1"))).axes
-    x, y = (np.asarray(values, dtype=float) for values in panel.lines[0].get_data())
-    np.testing.assert_allclose(np.diff(y) / np.diff(x), 2.0)
-    (box,) = panel.patches
-    assert box.get_path().get_extents().size == pytest.approx((2 * np.log10(30),) * 2)
-
-
-def test_products_that_are_determined_are_shown_in_per_cent_of_nominal() -> None:
-    draws = gaussian({**TABLE, "r_m": 1.2 * TABLE["r_m"]}, np.random.default_rng(2))
-    symbols = [PARAMETERS[name] for name in NAMES]
-    figure = drawn(invariants_figure(verdict(draws), draws, np.median(draws, axis=0), symbols))
-    labels = [text for axes in figure.axes if (text := axes.get_xlabel())]
-    assert len(labels) == 2
-    assert all(r"\%\;of\;nominal" in label for label in labels)
-    assert any(r"k_s/j_1" in label for label in labels)
-    column = next(axes for axes in figure.axes if "r_m" in axes.get_xlabel())
-    low, high = column.get_xlim()
-    assert low < 100 * (np.median(draws[:, 2]) / TABLE["r_m"] - 1) < high

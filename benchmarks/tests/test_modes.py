@@ -18,7 +18,6 @@ from benchmarks.modes.judge import Outcome
 from benchmarks.modes.puzzle import Puzzle
 
 EVERY = collection.every()
-KINDS = {"gap", "delay", "aliases", "friction", "signs", "mixed"}
 
 
 @pytest.mark.parametrize(
@@ -27,14 +26,6 @@ KINDS = {"gap", "delay", "aliases", "friction", "signs", "mixed"}
 def test_every_mode_is_sampled_with_its_mass(puzzle: Puzzle, tmp_path: Path) -> None:
     outcome = judge.run(puzzle, tmp_path)
     assert outcome.passed, (outcome.modes.masses, outcome.found, outcome.reasons)
-
-
-def test_puzzles_are_of_every_kind() -> None:
-    kinds = [puzzle.kind for puzzle in EVERY]
-    assert set(kinds) == KINDS
-    assert min(map(kinds.count, KINDS)) >= 4
-    assert len({puzzle.name for puzzle in EVERY}) == len(EVERY)
-    assert all(len(puzzle.t) <= 1000 and len(puzzle.cells) <= 3 for puzzle in EVERY)
 
 
 @dataclasses.dataclass(frozen=True)
