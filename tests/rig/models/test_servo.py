@@ -13,6 +13,7 @@ import scipy.linalg
 from support.case_tables import run_cases
 from support.document_blocks import ROOT
 from support.servo_oracle import Servo
+from support.state_records import record_of_states
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -20,7 +21,6 @@ from bayesdrill.analysis.plausibility import plausibility_of_course
 from bayesdrill.analysis.suspicions import find_reference
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
-from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.report.findings import finding_sentences
 from bayesdrill.rig.models.linear import with_named
 from bayesdrill.rig.models.train import Train
@@ -57,23 +57,10 @@ def response(
     """
     rig = with_named(train, [*values])
     t = np.linspace(0.0, TIME * len(GOALS), samples * len(GOALS) + 1)
-    channels = tuple(
-        Channel(name=name, weights={name: 1.0}, unit="", latex="", latex_unit="")
-        for name in rig.states
-    )
     series = {"goal_arm": slope * t if slope else np.append(np.repeat(GOALS, samples), GOALS[-1])}
     if "supply_arm" in rig.inputs:
         series["supply_arm"] = np.append(np.repeat(SUPPLIES, samples), SUPPLIES[-1])
-    record = Experiment(
-        t=t,
-        y=np.zeros((len(t), len(channels))),
-        channels=channels,
-        constant={},
-        series=series,
-        first_order=slope > 0.0,
-        start={},
-        t_start=0.0,
-    )
+    record = record_of_states(rig, t, series, first_order=slope > 0.0)
     full = np.array([[values[name] for name in rig.parameters]])
     return simulator(rig, record, ObservationModel()), full
 
