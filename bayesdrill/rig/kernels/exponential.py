@@ -43,9 +43,7 @@ from bayesdrill.rig.models.linear import Model
 
 Entries = Callable[[Sequence[Any]], Sequence[tuple[int, int, Any]]]
 Pattern = tuple[tuple[bool, ...], ...]
-WeightKinds = tuple[tuple[int, ...], ...]
 Registers = dict[tuple[int, int], ir.Value]  # entries by place
-OTHER_WEIGHT = 2  # kind of weights that are not 0, 1 or -1
 MOST_WRITTEN_OUT = 10  # largest number of states whose products are unrolled
 
 
@@ -55,8 +53,7 @@ class Layout:
 
     `entries(numbers)` returns its (row, column, value), for the rig's `n_parameters` followed by
     the `n_constants` constant inputs. Entries at one place are added. The columns are X states, one
-    constant input, `n_series` sampled inputs and, with a first-order hold, their increments. `lead`
-    says whether the start is before the first sample.
+    constant input, `n_series` sampled inputs and, with a first-order hold, their increments.
     """
 
     n_parameters: int
@@ -65,7 +62,6 @@ class Layout:
     n_series: int
     first_order: bool
     entries: Entries
-    lead: bool = False
 
     @classmethod
     def from_model(
@@ -84,7 +80,7 @@ class Layout:
     @property
     def text(self) -> str:
         """See `compile_kernel`."""
-        sizes = (self.n_parameters, self.n_states, self.n_series, self.first_order, self.lead)
+        sizes = (self.n_parameters, self.n_states, self.n_series, self.first_order)
         return f"{sizes} {formulas(self.n_numbers, self.entries)}"
 
     @property
@@ -146,26 +142,6 @@ def addresses(
     for name, size in sizes.items():
         starts[name], start = start, b.offset(start, size)
     return starts
-
-
-def weight_kinds(weights: NDArray[np.float64]) -> WeightKinds:
-    """Return weights 0, 1 and -1 as they are, and `OTHER_WEIGHT` for all others.
-
-    Kernels do not multiply by weights that are known.
-    """
-    known = np.isin(weights, (-1.0, 0.0, 1.0))
-    return tuple(map(tuple, np.where(known, weights, OTHER_WEIGHT).astype(int).tolist()))
-
-
-def channel_weights(b: Builder, block: ir.Value, kinds: WeightKinds, k: int) -> dict[int, Vector]:
-    """Return the non-zero weights of channel k by state, from a block of all `(K, X)`."""
-    return {
-        i: number(b, block, k * len(kinds[k]) + i)
-        if kind == OTHER_WEIGHT
-        else Vector(b, vector(float(kind)))
-        for i, kind in enumerate(kinds[k])
-        if kind != 0
-    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -441,54 +417,3 @@ def emit_balanced_norm(b: Builder, x: int, values: Registers) -> ir.Value:
     best = b.select(b.fcmp_unordered("<", norm, best), norm, best)
     rounds.close([*new, best])
     return best
-
-
-@dataclass(frozen=True, slots=True)
-class Constants:
-    """The block has the numbers that all walkers share.
-
-    They are the step, the span from the start to the first sample, inputs `(C,)`, the start `(X,)`,
-    and weights of channels `(K, X)`.
-    """
-
-    b: Builder
-    layout: Layout
-    block: ir.Value
-
-    @property
-    def inputs(self) -> ir.Value:
-        """Return the address of the constant inputs `(C,)`."""
-        return self.b.offset(self.block, 2)
-
-    @property
-    def all_weights(self) -> ir.Value:
-        """Return the address of the weights `(K, X)`."""
-        return self.b.offset(self.block, 2 + self.layout.n_constants + self.layout.n_states)
-
-    def span(self, *, lead: bool) -> ir.Value:
-        """Load the length of the lead, or of a step."""
-        return self.b.shared(self.block, int(lead))
-
-    def start(self, count: int) -> list[ir.Value]:
-        """Load the start of the first `count` states."""
-        first = 2 + self.layout.n_constants
-        return [self.b.shared(self.block, first + i) for i in range(count)]
-
-    def exponential(self, parameters: ir.Value, e: ir.Value, *, lead: bool) -> None:
-        """Store the exponential of `parameters` over a step or over the lead at `e`."""
-        numbers = (parameters, self.span(lead=lead))
-        store_exponential(self.b, e, self.inputs, self.layout, *numbers, increments=True)
-
-
-def emit_drive(b: Builder, layout: Layout, u: ir.Value, index: ir.Value | None) -> list[ir.Value]:
-    """Load the sampled inputs and, with a first-order hold, their increments.
-
-    They are those at a sample or, if `index` is None, those before the first sample.
-    """
-    series = range(layout.n_series)
-    row = b.mul(0 if index is None else index, layout.n_series)
-    drive = [b.single(u, b.add(row, s)) for s in series]
-    if layout.first_order:
-        following = b.add(row, layout.n_series if index is not None else 0)
-        drive += [b.fsub(b.single(u, b.add(following, s)), drive[s]) for s in series]
-    return [b.splat(value) for value in drive]

@@ -31,12 +31,12 @@ from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.rig.kernels.exponential import (
-    WeightKinds,
-    channel_weights,
+    Pattern,
     emit_halvings,
     emit_norm,
     emit_power,
     formulas,
+    number,
 )
 from bayesdrill.rig.kernels.lanes import (
     F64,
@@ -74,11 +74,12 @@ GAUSS_NODES = 9  # exact for polynomials up to degree 17
 class StateSpace:
     """The state space is that of a rig with its torque, for which kernels are specialised.
 
-    `channels (K, n)` has the weights of states, those of the torque last, see `weight_kinds`.
+    `channels (K, n)` says which states a channel shows, those of the torque last. Their weights are
+    arguments.
     """
 
     model: AugmentedModel
-    channels: WeightKinds
+    channels: Pattern
 
     @property
     def text(self) -> str:
@@ -112,7 +113,7 @@ class StateSpace:
 
     def weights(self, b: Builder, weights: ir.Value, k: int) -> dict[int, Vector]:
         """Return the weights of channel k, by state, from the block of all `weights (K, n)`."""
-        return channel_weights(b, weights, self.channels, k)
+        return {i: number(b, weights, k * self.n + i) for i in range(self.n) if self.channels[k][i]}
 
 
 @routine
@@ -200,8 +201,7 @@ def _emit_series(
 
 def _over(b: Builder, index: ir.Value) -> Vector:
     """Return one over the number after `index`."""
-    number = b.sitofp(b.add(index, 1), F64)
-    return Vector(b, b.splat(b.fdiv(ir.Constant(F64, 1.0), number)))
+    return Vector(b, b.splat(b.fdiv(F64(1.0), b.sitofp(b.add(index, 1), F64))))
 
 
 def _emit_squares(

@@ -322,14 +322,6 @@ class _Walker:
 
     # Steps from knot to knot.
 
-    def drive(self, knot: ir.Value) -> InputHold:
-        """Load what drives the rig from a knot on."""
-        layout = self.w.layout
-        columns = layout.size - self.x - 1
-        at = self.b.offset(self.w.a["u"], knot, columns) if columns else self.w.a["u"]
-        values = [number(self.b, at, c) for c in range(columns)]
-        return InputHold(values[: layout.n_series], values[layout.n_series :])
-
     def advance(self, first: ir.Value, rows: ir.Value, totals: Values) -> Values:
         """Advance the state from the `first` knot on, and show the channels that are not late."""
         if self.shape.joined > 1:
@@ -349,7 +341,7 @@ class _Walker:
         state = self._completed(steps.carried[: len(begin)], steps.index)
         totals = steps.carried[len(begin) :]
         knot = b.add(first, steps.index)
-        drive = self.drive(knot)
+        drive = InputHold.load(b, self.w.layout, a["u"], knot)
         for k in range(shape.channels) if shows else ():
             if not shape.late[k]:
                 totals = self.show(knot, steps.index, k, self._seen(k, state), totals)

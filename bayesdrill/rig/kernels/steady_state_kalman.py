@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.exponential import Constants, Layout, Registers, emit_drive
+from bayesdrill.rig.kernels.exponential import Layout
 from bayesdrill.rig.kernels.kalman_filter import (
     Gains,
     StateSpace,
@@ -42,6 +42,7 @@ from bayesdrill.rig.kernels.lanes import (
     Builder,
     Loop,
     Module,
+    Values,
     Vector,
     integer,
     kernel,
@@ -57,7 +58,7 @@ from bayesdrill.rig.kernels.numbers import (
     multiply_symmetric,
     solve,
 )
-from bayesdrill.rig.kernels.transitions import table_entries
+from bayesdrill.rig.kernels.transitions import InputHold, State, Step, Transitions
 
 # Doublings: at least 128 samples, and more than any record has.
 MIN_DOUBLINGS, MAX_DOUBLINGS = 7, 44
@@ -248,12 +249,15 @@ def _correct_start(
     return dot(scores, [dot(m.row(settled, n, i * n), solution) for i in range(n)])
 
 
-COUNTS = ("groups", "samples")
+COUNTS = ("groups", "samples", "lead")  # lead: 1 if the start is before the first sample, else 0
 BLOCKS = {
     "told": VECTORS,  # (G, P + K): parameters, variances
-    "constants": NUMBERS,  # see `exponential.Constants`
+    "spans": NUMBERS,  # step, and span from the start to the first sample
+    "constants": NUMBERS,  # constant inputs
+    "start": NUMBERS,  # (n,)
+    "weights": NUMBERS,  # (K, n) weights of states in channels
     "y": NUMBERS,  # (T, K)
-    "u": NUMBERS,  # (T + 1, n_series)
+    "u": NUMBERS,  # (T, S or 2 S): sampled inputs and, with a first-order hold, their slopes
     "shown": VECTORS,  # scratch (T / `BLOCK_SAMPLES` + 1, n)
     "out": VECTORS,  # (2 K + 1, G)
 }
@@ -269,12 +273,13 @@ def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> No
     """
     n, k_count = system.n, system.k
     with kernel(module, "steadily", COUNTS, BLOCKS) as (a, b):
-        m, constants = Numbers(b, False), Constants(b, layout, a["constants"])
+        m = Numbers(b, False)
         sizes = dict.fromkeys(("p", "phi", "q", "g", "a"), n * n)
         sizes |= {"gains": k_count * Gains.width(n), "pulls": k_count * n}
         at = {name: m.room(size) for name, size in sizes.items()}
-        at["weights"] = constants.all_weights
-        e, start, shown, first = m.room(layout.size**2), m.room(n * n), m.room(n), b.room(1, I64)
+        at["weights"] = a["weights"]
+        start, shown, first = m.room(n * n), m.room(n), b.room(1, I64)
+        table, has_lead = m.room(2 * layout.size**2), b.icmp_signed("!=", a["lead"], 0)
         with b.loop(a["groups"], "groups") as group:
             parameters = b.offset(a["told"], group, system.p + k_count)
             at["variances"] = m.at(parameters, system.p)
@@ -282,47 +287,41 @@ def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> No
                 b.offset(a["out"], b.add(b.mul(a["groups"], k), group))
                 for k in range(2 * k_count + 1)
             ]
-            state = constants.start(n)
             m.clear(start, n * n)
             for i in range(n - system.n_torque_states, n):
                 m.put(1.0, start, i * n + i)
-            if layout.lead:
-                span = constants.span(lead=True)
+            transitions = Transitions(
+                b=b, layout=layout, kind=m, parameters=(parameters,), constants=a["constants"],
+                table=table, rungs=table, width=Vector(b, b.shared(a["spans"], 0)),
+            )  # fmt: skip
+            transitions.fill_table(b.add(a["lead"], 1), a["spans"], None)
+            state = [Vector(b, b.shared(a["start"], i)) for i in range(n)]
+
+            def at_first_sample(
+                parameters: ir.Value = parameters,
+                transitions: Transitions = transitions,
+                state: State = state,
+            ) -> Values:
+                span = b.shared(a["spans"], 1)
                 store_transition(b, parameters, span, at["phi"], at["q"], system, slopes=False)
                 predict_covariance(m, n, start, at["phi"], at["q"])
-                constants.exponential(parameters, e, lead=True)
-                until = emit_drive(b, layout, a["u"], None)
-                state = next_state(b, phi_entries(b, layout, e), state, until)
-            span = constants.span(lead=False)
+                drive = InputHold.load(b, layout, a["u"], integer(0))
+                held = InputHold(drive.inputs, [m.zero() for _ in drive.slopes])
+                return m.flat(transitions.step(table, 1)(state, held))
+
+            registers = b.replace_if(has_lead, m.flat(state), at_first_sample)
+            span = b.shared(a["spans"], 0)
             store_transition(b, parameters, span, at["phi"], at["q"], system, slopes=False)
             _solve_riccati(m, system, at, a["samples"], first)
-            constants.exponential(parameters, e, lead=False)
-            phi = phi_entries(b, layout, e)
-            steady = SteadyFilter(m, system, layout, a, phi, at, first)
-            squares = _emit_sums(steady, state, shown)
+            step = transitions.step(table, 0)
+            steady = SteadyFilter(m, system, layout, a, step, at, first)
+            squares = _emit_sums(steady, registers, shown)
             gained = _correct_start(m, n, at, start, shown, out[2 * k_count])
             for k, total in enumerate(squares):
                 root = steady.gains.inverse_deviation(k)
                 start_part = gained * (1.0 / k_count)
                 m.put(-0.5 * (total * root * root + start_part), out[k], 0)
                 m.put(1.0 / root, out[k_count + k], 0)
-
-
-def phi_entries(b: Builder, layout: Layout, e: ir.Value) -> Registers:
-    """Return the entries of Phi and of the columns after it that can differ from zero."""
-    return {(i, j): b.read(e, i * layout.size + j) for i, j in table_entries(layout)}
-
-
-def next_state(
-    b: Builder, phi: Registers, state: list[ir.Value], drive: list[ir.Value]
-) -> list[ir.Value]:
-    """Return the state after a step."""
-    x, following = len(state), []
-    columns = [*enumerate(state), *enumerate(drive, start=x + 1)]
-    for i in range(x):
-        terms = [(phi[i, j], value) for j, value in columns if (i, j) in phi]
-        following.append(b.add_products(terms, phi.get((i, x))))
-    return following
 
 
 @dataclass(frozen=True, slots=True)
@@ -336,7 +335,7 @@ class SteadyFilter:
     system: StateSpace
     layout: Layout
     a: dict[str, ir.Value]
-    phi: dict[tuple[int, int], ir.Value]
+    step: Step
     at: Addresses
     first: ir.Value
 
@@ -352,7 +351,7 @@ class SteadyFilter:
         b, n, k_count = self.m.b, self.system.n, self.system.k
         lanes = [Vector(b, register) for register in registers]
         state, sums, shown = lanes[:n], lanes[n : n + k_count], lanes[n + k_count :]
-        drive = emit_drive(b, self.layout, self.a["u"], index)
+        drive = InputHold.load(b, self.layout, self.a["u"], index)
         y = b.offset(self.a["y"], b.mul(index, k_count))
         for k in range(k_count):
             value = Vector(b, b.shared(y, k))
@@ -361,8 +360,7 @@ class SteadyFilter:
             if pulls is not None:
                 pairs = zip(self.m.row(pulls, n, k * n), shown, strict=True)
                 shown = [multiply_add(pull, innovation, x) for pull, x in pairs]
-        following = next_state(b, self.phi, [x.value for x in state], drive)
-        return [*following, *(total.value for total in (*sums, *shown))]
+        return self.m.flat([*self.step(state, drive), *sums, *shown])
 
 
 def _emit_sums(w: SteadyFilter, state: list[ir.Value], shown: ir.Value) -> list[Number]:

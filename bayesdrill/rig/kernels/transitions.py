@@ -23,6 +23,7 @@ from bayesdrill.rig.kernels.exponential import (
     emit_halvings,
     emit_power,
     multiply_reached,
+    number,
     store_exponential,
     value_registers,
 )
@@ -70,6 +71,14 @@ class InputHold:
 
     inputs: Sequence[Number]
     slopes: Sequence[Number]
+
+    @classmethod
+    def load(cls, b: Builder, layout: Layout, u: ir.Value, knot: ir.Value) -> InputHold:
+        """Load what drives a rig from a knot on, from a block of all knots."""
+        columns = layout.size - layout.n_states - 1
+        at = b.offset(u, knot, columns) if columns else u
+        values = [number(b, at, c) for c in range(columns)]
+        return cls(values[: layout.n_series], values[layout.n_series :])
 
     def later(self, span: Number) -> InputHold:
         """Return the drive a span later: inputs follow their slopes, or are constant without any."""
@@ -267,8 +276,8 @@ class Transitions:
         degree = self._store_weights(size, b.select(deep, 0, 1))
         count = b.largest(b.select(b.icmp_signed(">", degree, 3), degree, 3))
         rungs = b.add(high, b.largest(halvings))
-        for place, number in enumerate((count, high, rungs)):
-            b.store(number, b.offset(ladder.counts, place))
+        for place, each in enumerate((count, high, rungs)):
+            b.store(each, b.offset(ladder.counts, place))
         e = self.kind.room(self.layout.size**2)
         with b.if_then(b.icmp_signed(">", rungs, 0)), b.loop(rungs, "rungs") as rung:
             self.exponentiate(self.width * Vector(b, self._rung_share(rung)), e)

@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import HIGH_OPT_LEVEL, BoundFunction, compile_kernel
-from bayesdrill.rig.kernels.exponential import Layout, weight_kinds
+from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.kalman_filter import StateSpace, smoother_size, write_filter
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.steady_state_kalman import BLOCK_SAMPLES, write_steady_state
 from bayesdrill.rig.models.latent_torque import AugmentedModel, MissingTorque, augment
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import in_groups
-from bayesdrill.rig.simulators.long_record import constant_numbers, input_layout
+from bayesdrill.rig.simulators.long_record import input_layout
 
 CLOCK_TOLERANCE = 1e-9  # relative to the median step: steps with a smaller difference are equal
 MAX_STEP_LENGTHS = 64  # largest number of step lengths, as each needs its own matrices
@@ -95,7 +95,8 @@ class KalmanFilter:
     @cached_property
     def system(self) -> StateSpace:
         """Return the state-space model for which kernels are specialised."""
-        return StateSpace(self.augmented, weight_kinds(self.output_matrix))
+        shown = (self.output_matrix != 0.0).tolist()
+        return StateSpace(self.augmented, tuple(map(tuple, shown)))
 
     @cached_property
     def output_matrix(self) -> Array:
@@ -139,21 +140,16 @@ class KalmanFilter:
 
     @cached_property
     def _steady_state(self) -> BoundFunction:
-        t_count, effort = len(self.experiment.t), HIGH_OPT_LEVEL
-        kernel = compile_kernel(write_steady_state, self.system, self.layout, effort=effort)
+        experiment, t_count = self.experiment, len(self.experiment.t)
+        layout = input_layout(self.augmented, experiment)
+        kernel = compile_kernel(write_steady_state, self.system, layout, effort=HIGH_OPT_LEVEL)
         scratch = np.empty(((t_count // BLOCK_SAMPLES + 1) * self.system.n, LANES))
-        return kernel.bind("steadily", samples=t_count, constants=self._constants, shown=scratch)
-
-    @cached_property
-    def layout(self) -> Layout:
-        """Return the layout of rig and torque."""
-        return input_layout(self.augmented, self.experiment, with_lead=True)
-
-    @property
-    def _constants(self) -> Array:
-        """Return the kernel's block of constants of the experiment."""
-        start = self.augmented.initial_state(self.experiment.start)
-        return np.array([*constant_numbers(self.experiment), *start, *self.output_matrix.ravel()])
+        return kernel.bind(
+            "steadily", samples=t_count, lead=int(experiment.lead > 0.0),
+            spans=np.array([experiment.dt, experiment.lead]), weights=self.output_matrix,
+            constants=np.array([*present(experiment.constant).values()]),
+            start=np.array(self.augmented.initial_state(experiment.start)), shown=scratch,
+        )  # fmt: skip
 
     def whiten(self, parameters: Array, sigmas: Array, residuals: Array) -> tuple[Array, Array]:
         """Return whitened residuals `(W, T, K)` and the variances `(W, T, K)` of innovations.

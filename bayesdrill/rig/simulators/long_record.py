@@ -6,7 +6,6 @@ others. In double precision it serves where a kernel would need the memory of ei
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -117,25 +116,18 @@ class LongRecord:
         return np.concatenate(parts)
 
 
-def input_layout(model: Model, experiment: Experiment, *, with_lead: bool = False) -> Layout:
-    """Return the layout of a rig under the inputs of an experiment.
-
-    `with_lead` asks it to say whether the start is before the first sample.
-    """
+def input_layout(model: Model, experiment: Experiment) -> Layout:
+    """Return the layout of a rig under the inputs of an experiment."""
     series, constant = tuple(experiment.series), tuple(present(experiment.constant))
-    layout = Layout.from_model(model, series, constant, first_order=experiment.first_order)
-    return dataclasses.replace(layout, lead=with_lead and experiment.lead > 0.0)
-
-
-def constant_numbers(experiment: Experiment) -> list[float]:
-    """Return the first numbers of `kernels.exponential.Constants`: step, lead, constant inputs."""
-    return [experiment.dt, experiment.lead, *present(experiment.constant).values()]
+    return Layout.from_model(model, series, constant, first_order=experiment.first_order)
 
 
 def record_blocks(experiment: Experiment) -> dict[str, Array]:
-    """Return record and inputs; the last increment of the inputs drives no sample."""
-    series = [np.append(u, u[-1]) for u in experiment.series.values()]
-    u = np.array(series, dtype=np.float64).reshape(len(series), len(experiment.t) + 1).T
+    """Return record and inputs `(T, S)` of even times, with a first-order hold their slopes too."""
+    series = [*experiment.series.values()]
+    if experiment.first_order:
+        series += [np.append(np.diff(u), 0.0) / experiment.dt for u in series]
+    u = np.array(series, dtype=np.float64).reshape(len(series), len(experiment.t)).T
     return {"y": np.ascontiguousarray(experiment.y), "u": np.ascontiguousarray(u)}
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from support.case_tables import run_cases
 from support.servo_oracle import Servo
+from support.state_records import record_of_states
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.linear import weak_statics, with_named
 from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators import simulator
@@ -18,7 +18,6 @@ COULOMB = {"j_arm": 0.02, "c_arm": 0.03, "t_c_arm": 0.2, "t_c_arm_backward": 0.1
 STRIBECK = {**COULOMB, "t_s_arm": 0.3, "w_s_arm": 0.5}
 LAWS = {
     "Coulomb": COULOMB,
-    "sliding": STRIBECK,
     "static": {**STRIBECK, "t_s_arm_backward": 0.15},
     "viscous": {**COULOMB, "c_arm_backward": 0.08},
 }
@@ -30,20 +29,7 @@ def simulated(values: dict[str, float], samples: int, substeps: int = 1) -> tupl
     train = with_named(ARM, [*values])
     t = np.linspace(0.0, TIME * len(LEVELS), samples * len(LEVELS) + 1)
     u = np.append(np.repeat(LEVELS, samples), LEVELS[-1])
-    channels = tuple(
-        Channel(name=name, weights={name: 1.0}, unit="", latex="", latex_unit="")
-        for name in train.states
-    )
-    record = Experiment(
-        t=t,
-        y=np.zeros((len(t), 2)),
-        channels=channels,
-        constant={},
-        series={"t_arm": u},
-        first_order=False,
-        start={},
-        t_start=0.0,
-    )
+    record = record_of_states(train, t, {"t_arm": u})
     full = np.array([[values[name] for name in train.parameters]])
     return t, simulator(train, record, ObservationModel(), substeps).signals(full)[0]
 

@@ -13,6 +13,7 @@ import scipy.linalg
 from support.case_tables import run_cases
 from support.document_blocks import ROOT
 from support.servo_oracle import Servo
+from support.state_records import record_of_states
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -20,7 +21,6 @@ from bayesdrill.analysis.plausibility import plausibility_of_course
 from bayesdrill.analysis.suspicions import find_reference
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
-from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.report.findings import finding_sentences
 from bayesdrill.rig.models.linear import with_named
 from bayesdrill.rig.models.train import Train
@@ -37,14 +37,13 @@ PLAIN = {"j_arm": 0.03, "k_T_arm": 2.4, "r_arm": 4.9, "k_e_arm": 2.4, "supply_ar
 LIMITED = {**PLAIN, "limit_arm": 0.4}
 RUBBING = {**LIMITED, "t_c_arm": 0.35, "t_c_arm_backward": 0.2}
 SERVOS = {
-    "limit": LIMITED,
-    "band": {**PLAIN, "band_arm": 0.05},
     "both": {**LIMITED, "band_arm": 0.03},
     "friction": RUBBING,
     "supply": {name: value for name, value in RUBBING.items() if name != "supply_arm"},
     "all": {**RUBBING, "t_s_arm": 0.45, "w_s_arm": 0.3, "band_arm": 0.02, "c_arm": 0.05},
 }
-GOAL = {**RUBBING, "w_goal_arm": 3.0}
+SLOPES = {**SERVOS["all"], "w_goal_arm": 3.0}
+SHOWN = ["theta_arm", "w_arm"]
 GOALS, TIME = (0.6, -0.3, 0.1, 1.2, 0.0, -0.9, -0.85, 0.4), 0.4
 SUPPLIES = (12.0, 10.5, 13.0, 9.0, 11.8, 12.4, 10.0, 11.0)  # volts, between jumps of the goal
 
@@ -58,23 +57,10 @@ def response(
     """
     rig = with_named(train, [*values])
     t = np.linspace(0.0, TIME * len(GOALS), samples * len(GOALS) + 1)
-    channels = tuple(
-        Channel(name=name, weights={name: 1.0}, unit="", latex="", latex_unit="")
-        for name in rig.states
-    )
     series = {"goal_arm": slope * t if slope else np.append(np.repeat(GOALS, samples), GOALS[-1])}
     if "supply_arm" in rig.inputs:
         series["supply_arm"] = np.append(np.repeat(SUPPLIES, samples), SUPPLIES[-1])
-    record = Experiment(
-        t=t,
-        y=np.zeros((len(t), len(channels))),
-        channels=channels,
-        constant={},
-        series=series,
-        first_order=slope > 0.0,
-        start={},
-        t_start=0.0,
-    )
+    record = record_of_states(rig, t, series, first_order=slope > 0.0)
     full = np.array([[values[name] for name in rig.parameters]])
     return simulator(rig, record, ObservationModel()), full
 
@@ -145,13 +131,13 @@ def test_a_servo_follows_a_goal_at_its_largest_speed(speed: float, apart: float)
     ramp = middle if most < 1.0 else np.append(np.repeat(goal[:-1], fine), goal[-1])
     many = np.linspace(0.0, t[-1], len(ramp))
     rig, limited = with_named(ARM, [*PLAIN]), {**PLAIN, "w_goal_arm": speed}
-    expected = bd.respond(rig, PLAIN, many, {"goal_arm": ramp}, ["theta_arm"])["theta_arm"]
+    expected = bd.respond(rig, PLAIN, many, {"goal_arm": ramp}, SHOWN)["theta_arm"]
     rig = with_named(ARM, [*limited])
     assert isinstance(rig, Train)
     assert rig.saturation is not None
     reference = rig.saturation.reference(limited, t, goal)
     assert reference == pytest.approx(np.array(followed)[::fine], abs=1e-12)
-    y = bd.respond(rig, limited, t, {"goal_arm": goal}, ["theta_arm"])["theta_arm"]
+    y = bd.respond(rig, limited, t, {"goal_arm": goal}, SHOWN)["theta_arm"]
     assert y == pytest.approx(expected[::fine], abs=apart)
 
 
@@ -163,15 +149,12 @@ def test_the_reference_of_a_straight_goal_is_straight_within_steps() -> None:
     assert limited == pytest.approx(linear, abs=1e-10)
 
 
-@run_cases("kind", ["limit", "all", "goal"])
-def test_slopes_of_a_servo_are_differences_of_its_signals(kind: str) -> None:
-    values = {**SERVOS, "goal": GOAL}[kind]
-    made, full = response(ARM, values, 50)
-    names = with_named(ARM, [*values]).parameters
-    asked = ("duty_arm", "supply_arm", "limit_arm", "j_arm", "k_e_arm", "w_goal_arm")
-    for name in (name for name in asked if name in values):
+def test_slopes_of_a_servo_are_differences_of_its_signals() -> None:
+    made, full = response(ARM, SLOPES, 50)
+    names = with_named(ARM, [*SLOPES]).parameters
+    for name in ("duty_arm", "supply_arm", "limit_arm", "j_arm", "k_e_arm", "w_goal_arm"):
         step = np.zeros_like(full)
-        step[0, names.index(name)] = 1e-6 * values[name]
+        step[0, names.index(name)] = 1e-6 * SLOPES[name]
         _, slopes = made.course(full, step[:, None])
         later, before = (made.signals(full + way * step)[0] for way in (0.5, -0.5))
         assert slopes[0, 0] == pytest.approx(later - before, abs=1e-4 * np.ptp(later - before))
@@ -179,14 +162,14 @@ def test_slopes_of_a_servo_are_differences_of_its_signals(kind: str) -> None:
 
 def test_a_channel_between_steps_is_the_servo_at_its_own_time() -> None:
     """It is read from the course between steps, with the rates of the loop as it is there."""
-    values = SERVOS["both"]
-    made, full = response(PENDULUM, {**values, "g_arm": 1.2}, 200)
+    values = {**SERVOS["both"], "g_arm": 1.2}
+    made, full = response(PENDULUM, values, 200)
     record = made.experiment
     late = ObservationModel(lags={"theta_arm": "lag_theta_arm"})
     delay = 0.3 * record.dt
     shifted = simulator(made.model, record, late)
     shown = shifted.signals(np.append(full, [[delay]], axis=1))[0][:, 0]
-    fine, _ = response(PENDULUM, {**values, "g_arm": 1.2}, 2000)
+    fine, _ = response(PENDULUM, values, 2000)
     expected = fine.signals(full)[0][:, 0]
     assert shown[1:] == pytest.approx(expected[7::10], abs=2e-5)
 
@@ -217,19 +200,18 @@ def test_a_measured_supply_of_a_servo_without_a_usual_one_is_refused_with_its_en
 
 
 def test_a_supply_that_stays_at_its_usual_value_is_no_input() -> None:
-    """The same motion, of a servo that is limited and of one that is not."""
     t = 0.004 * np.arange(300)
-    goal = np.where(t < 0.6, 0.6, 0.0)
-    for values in (PLAIN, LIMITED):
-        measured = {name: value for name, value in values.items() if name != "supply_arm"}
-        rows = [
-            bd.respond(with_named(train, [*own]), own, t, {"goal_arm": goal, **more}, ["theta_arm"])
-            for train, own, more in (
-                (ARM, values, {}),
-                (MEASURED, measured, {"supply_arm": 12.0}),
-            )
-        ]
-        assert rows[1]["theta_arm"] == pytest.approx(rows[0]["theta_arm"], abs=1e-12)
+    goal = {"goal_arm": np.where(t < 0.6, 0.6, 0.0)}
+    rows = [
+        bd.respond(with_named(train, [*own]), own, t, goal | more, SHOWN)
+        for train, own, more in (
+            (ARM, RUBBING, {}),
+            (MEASURED, SERVOS["supply"], {"supply_arm": np.full(300, 12.0)}),
+            (MEASURED, SERVOS["supply"], {"supply_arm": 12.0}),
+        )
+    ]
+    for row in rows[1:]:
+        assert row["theta_arm"] == pytest.approx(rows[0]["theta_arm"], abs=1e-12)
 
 
 @run_cases("limited", [True, False])
@@ -239,7 +221,7 @@ def test_check_says_how_often_a_servo_saturates(limited: bool) -> None:
     rig = with_named(ARM, [*values])
     t = 0.004 * np.arange(401)
     goal = np.where(t < 0.8, 0.6, 0.0)
-    y = bd.respond(rig, values, t, {"goal_arm": goal}, ["theta_arm"])["theta_arm"]
+    y = bd.respond(rig, values, t, {"goal_arm": goal}, SHOWN)["theta_arm"]
     duty = values["duty_arm"] * values["k_p_arm"] * (goal - y)
     share = 100.0 * float(np.mean(np.abs(duty) > (0.5 if limited else 1.0)))
     case = bd.case(
@@ -262,7 +244,7 @@ def test_a_goal_that_the_angle_follows_is_no_reference_in_place_of_a_voltage() -
     """The advice to record a voltage instead would be wrong: the loop is in the model."""
     t = 0.01 * np.arange(401)
     goal = np.sin(2.0 * t)
-    y = bd.respond(with_named(ARM, [*PLAIN]), PLAIN, t, {"goal_arm": goal}, ["theta_arm"])
+    y = bd.respond(with_named(ARM, [*PLAIN]), PLAIN, t, {"goal_arm": goal}, SHOWN)
     case = bd.case(
         t,
         {"theta_arm": bd.Channel(y["theta_arm"], "rad", sigma=0.01)},

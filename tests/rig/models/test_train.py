@@ -4,31 +4,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from support.case_tables import run_cases
+from support.state_records import record_of_states
 from support.train_oracle import Oracle, springs
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
-from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
-
-
-def record(train: Train, n: int, dt: float, inputs: dict[str, np.ndarray]) -> Experiment:
-    channels = tuple(
-        Channel(name=name, weights={name: 1.0}, unit="", latex="", latex_unit="")
-        for name in train.states
-    )
-    return Experiment(
-        t=dt * np.arange(n),
-        y=np.zeros((n, len(channels))),
-        channels=channels,
-        constant={},
-        series=inputs,
-        first_order=False,
-        start={},
-        t_start=0.0,
-    )
 
 
 def values(train: Train, rng: np.random.Generator) -> dict[str, float]:
@@ -87,7 +70,7 @@ def compare(
     rng = np.random.default_rng(20)
     p, (name,) = values(train, rng), train.inputs
     u = square_wave(n, 20, size, rng)
-    experiment = record(train, n, dt, {name: u})
+    experiment = record_of_states(train, dt * np.arange(n), {name: u})
     full = np.array([[p[name] for name in train.parameters]])
     y = simulator(train, experiment, ObservationModel(), pieces).signals(full)[0]
     other = oracle(train, p, ratios, u, dt).solve(experiment.t, np.zeros(2 * ratios.shape[1]))

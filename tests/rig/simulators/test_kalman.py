@@ -25,8 +25,7 @@ from bayesdrill.rig.simulators.linear import Response
 
 Array = NDArray[np.float64]
 
-EVERY = [(at, smooth) for at in ("motor", "rotor_1") for smooth in ("1/2", "3/2")]
-BOTH = [EVERY[0], EVERY[3]]  # each place and each smoothness, where a kernel more is compiled
+BOTH = [("motor", "1/2"), ("rotor_1", "3/2")]  # each place and each smoothness
 MEASURES = {
     "theta_2": {"theta_2": 1.0},
     "twist": {"theta_1": 1.0, "theta_2": -1.0},
@@ -88,7 +87,7 @@ def true_density(
 @run_cases(
     "at, smooth, n, measures, late",
     [
-        *((at, smooth, 80, MEASURES, {}) for at, smooth in EVERY),
+        *((at, smooth, 80, MEASURES, {}) for at, smooth in BOTH),
         *(("rotor_1", "3/2", n, MEASURES, {}) for n in (2, 3, 5, 8, 13, 64, 65, 127)),
         *(("rotor_1", "3/2", 60, measures, LATE) for measures in MEASURED),
     ],
@@ -117,7 +116,7 @@ def test_the_likelihood_is_that_of_all_samples_together(
         assert plain == pytest.approx(truth, abs=1e-8)
 
 
-@run_cases("at, smooth", EVERY)
+@run_cases("at, smooth", BOTH)
 def test_the_likelihood_allows_gaps_uneven_times_and_an_early_start(
     at: TorqueLocation, smooth: Smoothness
 ) -> None:
@@ -152,11 +151,9 @@ def test_states_of_the_rig_are_those_that_channels_show(
             assert ours == pytest.approx(drawn_signals[..., k], abs=1e-7)
 
 
-def assert_one_gain_is_enough(
-    found: KalmanFilter, row: Array, sigmas: Array, seed: int, close: float
-) -> None:
-    """For residuals that are drawn: the likelihood by one gain is that by the gain of each sample."""
-    left = found.draw(row, sigmas, np.random.default_rng(seed))[1][0]
+def assert_one_gain_is_enough(found: KalmanFilter, row: Array, sigmas: Array, close: float) -> None:
+    """The likelihood by one gain is that by the gain of each sample, for residuals that are drawn."""
+    left = found.draw(row, sigmas, np.random.default_rng(1))[1][0]
     seen = shown(found.experiment, left, found.model)
     white, variances = found.whiten(row, sigmas, left[None])
     truth = -0.5 * (np.log(2 * np.pi * variances) + white**2).sum()
@@ -167,7 +164,7 @@ def assert_one_gain_is_enough(
     "measures, size, time",
     [
         (measures, size, time)
-        for measures in [MEASURES, {"w_1": {"w_1": 1.0}, "w_2": {"w_2": 1.0}}]
+        for measures in [MEASURES, RELATIVE]
         for size in [1e-7, 3e-3, 2.0]
         for time in [2e-3, 0.5, 60.0]
     ],
@@ -179,7 +176,7 @@ def test_one_gain_gives_the_likelihood_of_all_gains(
     one = experiment(1001, 0.01, measures=measures)
     found = KalmanFilter(MotorShaft(), MissingTorque(at="rotor_1", smoothness="3/2"), one)
     row = np.append(vector(P), [size, time])[None]
-    assert_one_gain_is_enough(found, row, np.full((1, len(measures)), 0.1), 1, 1e-7)
+    assert_one_gain_is_enough(found, row, np.full((1, len(measures)), 0.1), 1e-7)
 
 
 @run_cases("at, smooth", BOTH)
@@ -244,13 +241,10 @@ def test_smoothing_gives_the_conditional_mean_of_the_torque(
     assert ours == pytest.approx(mean, abs=1e-9 * np.abs(mean).max() + 1e-10)
 
 
-@run_cases("measures", [MEASURES, {"w_2": {"w_2": 1.0}}])
-def test_one_gain_serves_a_rig_whose_angle_is_held(
-    measures: dict[str, dict[str, float]],
-) -> None:
-    one = experiment(80, 0.02, measures=measures)
+def test_one_gain_serves_a_rig_whose_angle_is_held() -> None:
+    one = experiment(80, 0.02, measures={"w_2": {"w_2": 1.0}})
     found = KalmanFilter(UnevenShaft(), MissingTorque(at="motor"), one)
-    assert_one_gain_is_enough(found, told()[0], SIGMAS[None, : len(measures)], 4, 1e-8)
+    assert_one_gain_is_enough(found, told()[0], SIGMAS[None, :1], 1e-8)
 
 
 def test_a_shaft_that_is_driven_has_no_motor_to_push() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.case_tables import for_each, run_cases
 from support.friction_cases import CASES, moved
-from support.friction_oracle import RUBS
+from support.friction_oracle import RUBS, simulate
 from support.stepped_friction import experiment_of, model_of, parameters, states, stepped
 
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -101,6 +101,22 @@ def test_a_sticking_inertia_does_not_move_at_all(names: tuple[str, ...]) -> None
         assert (found[1:, 4][drop] == 0.0).mean() > 0.9 if drop.any() else True
 
     for_each({f"{name}, {n} pieces": (name, n) for name in names for n in (1, 4)}, check)
+
+
+def test_the_rig_moves_from_a_start_before_the_first_sample() -> None:
+    """Under the first voltage, from where the config says; here off the grid of the samples."""
+    case = CASES["sine"]
+    later = case.t[37:] - 0.0043
+    begin = {"w_1": 1.5, "theta_1": 0.2}
+    start = float(later[0] - 0.1312)
+    record = experiment_of(
+        case, t=later, y=np.zeros((len(later), 5)), series={"v": case.v[37:]}, t_start=start,
+        start=begin,
+    )  # fmt: skip
+    found = stepped(case, 16, record=record).signals(parameters(case))[0]
+    v = np.append(case.v[37], case.v[37:])
+    true = simulate(case.rig, np.append(start, later), v, at=later, start=begin).states
+    assert (np.abs(found - true).max(axis=0) < 2e-3 * np.abs(true).max(axis=0)).all()
 
 
 def test_frictions_of_no_size_leave_the_linear_rig() -> None:

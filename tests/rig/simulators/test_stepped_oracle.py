@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.case_tables import run_cases
 from support.friction_cases import CASES, moved
-from support.friction_oracle import STATES, Rig, simulate
-from support.scipy_oracles import NOMINAL, by_radau
+from support.friction_oracle import Rig, simulate
+from support.scipy_oracles import NOMINAL
 
 FREE = {
     **NOMINAL,
@@ -76,23 +76,6 @@ def test_a_gear_passes_on_what_its_efficiency_says(load: float) -> None:
     assert found.of("w_1")[-1] == pytest.approx(found.of("w_2")[-1], rel=1e-6)
     assert found.of("w_1")[-1] > 5
     assert into == pytest.approx(out / eta if load > 0 else out * (2 - 1 / eta), rel=1e-5)
-
-
-def test_without_friction_it_is_the_linear_rig() -> None:
-    """Also for a torque of a constant sign and sizes of zero, and a voltage that bends at samples."""
-    p = {**NOMINAL, "t_f": 0.03, "t_cm": 0.0, "t_c1": 0.0, "v_d": 0.0, "eta": 1.0}
-    t = 1.0 + 0.05 * np.arange(16)
-    v = 4.0 * np.cos(3.0 * t)
-    start = dict(zip(STATES, (0.3, -0.2, 1.0, 2.0, -0.5), strict=True))
-    found = simulate(Rig(p=p), t, v, first_order=True, t_1=0.1, start=start)
-
-    def inputs(s: float, middle: float) -> tuple[float, float]:
-        return float(np.interp(s, t, v)), 0.1
-
-    true = by_radau(p, t, np.array([*start.values()]), inputs)
-    assert found.states == pytest.approx(true, rel=1e-7, abs=1e-7)
-    assert not found.stuck.any()
-    assert not found.efforts.any()
 
 
 @run_cases("name", CASES)
