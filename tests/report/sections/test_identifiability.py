@@ -1,14 +1,22 @@
-"""Figures of `identify`: profiles over plain and logarithmic axes, and the spectrum of what is known."""
+"""Figures of `identify`, and the line that starts a design for what a record leaves open."""
+
+import dataclasses
 
 import numpy as np
 from support.case_tables import for_each
 from support.figure_checks import SYMBOLS, TABLE, drawn, si
 from support.figure_contexts import profile
-from support.linear_study import PRIOR_SD, linear_study
+from support.linear_study import LINEAR, PRIOR_SD, R_M, RATIO, draws_of, linear_study, verdict
 
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.report.scales import WIDTHS
-from bayesdrill.report.sections.identifiability import profile_figure, spectrum_figure
+from bayesdrill.report.sections.identifiability import (
+    next_experiment,
+    open_products,
+    profile_figure,
+    spectrum_figure,
+)
+from bayesdrill.report.sections.nominal import verdict_sentences
 
 
 def test_values_of_profiles_stand_at_their_places_on_plain_and_logarithmic_axes() -> None:
@@ -35,3 +43,20 @@ def test_a_spectrum_names_every_direction_on_the_page_one_below_the_other() -> N
         assert min(np.abs(np.diff([b.y0 for b in boxes]))) > max(b.height for b in boxes)
 
     for_each({size: (inches,) for size, inches in WIDTHS.items()}, check)
+
+
+def test_a_design_is_offered_for_the_products_that_the_verdict_calls_not_determined() -> None:
+    found = verdict(draws_of(2))
+    ratio, *others = sorted(found.products, key=lambda quantity: quantity.exponents != RATIO)
+    left = dataclasses.replace(ratio, says="not determined")
+    found = dataclasses.replace(found, products=(left, *others))
+    assert "\nNot determined: k_s/j_1. " in verdict_sentences(found, "table")
+    exponents = [quantity.exponents for quantity in found.undetermined]
+    line = next_experiment(found.names, exponents, "run")
+    assert line.endswith(": bayesdrill design run --learn 'k_s/j_1'")
+    assert next_experiment(found.names, [], "run") == ""
+
+
+def test_products_that_a_record_would_not_narrow_are_open_before_it_is_sampled() -> None:
+    assert open_products(LINEAR) == []
+    assert {*open_products(linear_study(np.full(3, 1e-3)))} == {RATIO, R_M}
