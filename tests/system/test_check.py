@@ -77,6 +77,20 @@ def test_a_differenced_speed_is_suspected_until_it_is_declared(tmp_path: Path) -
     assert "101 samples of theta_1 over" in declared
 
 
+def test_a_config_without_mistakes_is_said_to_have_none_and_its_doubts_are_counted(
+    tmp_path: Path,
+) -> None:
+    energy, sampling = ("k_T: nominal", "k_T: 0.06"), ("l_m: nominal", "l_m: 0.05")
+    doubts = {
+        (): " 2 of the lines above are doubts about its values or its record.",
+        (energy,): " 1 of the lines above is a doubt about its values or its record.",
+        (energy, sampling): "",
+    }
+    for changes, said in doubts.items():
+        shown = checked(command_line.small_config(tmp_path, *changes))
+        assert shown.endswith(f"\nThe config has no mistakes and can be sampled.{said}\n")
+
+
 @pytest.mark.slow
 def test_the_size_of_the_results_is_estimated_and_long_records_get_fewer_draws(
     tmp_path: Path,
