@@ -78,7 +78,7 @@ class MapReport:
 
     def _sections(self, figures: Mapping[str, Drawing]) -> tuple[Section, ...]:
         table = self.problem.compared_with
-        read = Note(f"`dev. %` is the deviation of the MAP from the nominal value ({table}).")
+        read = Note(f"`dev. %` is the deviation of the MAP from {table}.")
         units, clock = self.problem.units, self.problem.clock
         steps = step_sentences(step_errors(self.problem.posterior.likelihood, self.best))
         said = residual_sentences(self.left, clock)

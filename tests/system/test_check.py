@@ -132,15 +132,20 @@ OWN_VALUES = "j_m: 1, c_m: 1, k_e: 0.2, k_T: 0.2, r_m: 1, l_m: 1, k_s: 1, j_1: 0
 @run_cases(
     "changes, entry, compared, name",
     [
-        ((), None, set(NINE), "tables_2_3"),
-        ((), "table_1", set(NINE), "table_1"),
+        ((), None, set(NINE), "the nominal table (tables_2_3)"),
+        ((), "table_1", set(NINE), "the nominal table (table_1)"),
         (OTHER, None, set(), None),
         (OTHER, "{tolerance: 0.1}", set(), None),
-        (OTHER, "tables_2_3", set(NINE), "tables_2_3"),
+        (OTHER, "tables_2_3", set(NINE), "the nominal table (tables_2_3)"),
         (OTHER, "{j_1: 0.1}", {"j_1"}, "the config's nominal values"),
         (OTHER, f"{{{OWN_VALUES}}}", set(NINE), "the config's nominal values"),
-        (OTHER, "{table: table_1, j_1: 0.1}", set(NINE), "table_1 (j_1 as in the config)"),
-        ((), "{j_1: 0.03}", set(NINE), "tables_2_3 (j_1 as in the config)"),
+        (
+            OTHER,
+            "{table: table_1, j_1: 0.1}",
+            set(NINE),
+            "the nominal table (table_1, with j_1 as in the config)",
+        ),
+        ((), "{j_1: 0.03}", set(NINE), "the nominal table (tables_2_3, with j_1 as in the config)"),
     ],
 )
 def test_a_rig_is_compared_with_the_table_that_it_asks_for(

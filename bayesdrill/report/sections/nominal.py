@@ -321,7 +321,7 @@ def verdict_sentence(verdict: Verdict, table: str, records: int = 1) -> str:
         return f"verdict: {none}. {says} nothing of {table}."
     joint = together = ""
     if verdict.joint is not None:
-        joint = f"taken together they are {sigmas(verdict.joint)} from {table}"
+        joint = f"taken together they are {sigmas(verdict.joint)} away"
         together = f" {joint[0].upper()}{joint[1:]}."
     opening = f"verdict: {determines} {k} of {can}."
     if n == 1:
