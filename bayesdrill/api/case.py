@@ -107,7 +107,7 @@ class Case(arguments.ExperimentPlanner, Value):
         return words.opening(self.job.problem)
 
     def preview(self) -> str:
-        """Return the text of `bayesdrill check`: columns, priors, sizes, and what the record shows.
+        """Return the text of `bayesdrill check`: columns, priors, sizes, doubts, and a conclusion.
 
         Returns
         -------
@@ -122,7 +122,9 @@ class Case(arguments.ExperimentPlanner, Value):
         problem, config = self.job.problem, self.job.config
         first = identify.preflight(self.job, SensitivityStudy(problem.posterior.likelihood))
         columns = [] if self.columns is not None else [words.record_columns(problem, self.job.case)]
-        return "\n".join([str(self), *columns, words.preview(problem, config), first])
+        doubts = words.doubts_before_sampling(problem)
+        known = [str(self), *columns, words.preview(problem, config), *doubts, first]
+        return "\n".join([*known, words.validity(doubts)])
 
     def log_density(self, values: Annotated[Mapping[str, ArrayLike], VALUES]) -> Array:
         """Compute the log of likelihood times prior over the unknowns.

@@ -17,8 +17,8 @@ from bayesdrill.report import scales, style
 from bayesdrill.report.pages import build_page, label_outside, legend_above
 from bayesdrill.report.style import Axes, Figure
 
-MOST_LINKED = 500  # runs of which the points of a page are links
-MOST_SHOWN = 2000  # runs; outliers are always shown
+MOST_LINKED = 500  # most points of a page that are links
+MOST_SHOWN = 2000  # most runs that a chart shows; outliers are always shown
 BAR = style.fix_look(color=style.MIDDLE, linewidth=0.6, zorder=2)
 DOT = style.fix_look(color=style.BLACK, marker="o", markersize=2.2, linestyle="none")
 FOREIGN = style.fix_look(
@@ -37,7 +37,7 @@ class Point:
 
 
 def level_over_time(history: LevelHistory, t: Array) -> Array:
-    """Return the level of a log product at the runs `(R,)` in order of time, less that at the end."""
+    """Return the level of a log product at the runs `(R,)` in order of time, minus that at the end."""
     if history.best == "drift":
         return np.asarray(history.drift * (t - t[-1]) / (t[-1] - t[0]))
     if history.best == "walk":

@@ -33,8 +33,8 @@ from bayesdrill.tasks.remote import RefitExecutor
 
 REFERENCE, RECORD = "reference.json", "campaign.json"
 FORM = 1  # version of both files
-LEAST_RUNS = 3  # of a population
-OUTLIERS = "outliers"  # in the place of names of runs
+LEAST_RUNS = 3  # fewer runs make no population
+OUTLIERS = "outliers"  # stands for all outliers in `--page`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +63,7 @@ def run_campaign(
 
     Pages are made of the runs that are `asked` for; `OUTLIERS` stands for those that do not belong.
 
-    What is known of records is kept in `known`, with which bad records are left out instead of raised.
+    `known` keeps what was read of records. If it is given, bad records are left out without an error.
     """
     _need_parquet(plan)
     names = [run.name for run in plan.runs]
@@ -137,7 +137,7 @@ def _publish(
     crew: RefitExecutor,
     report: Reporter,
 ) -> CampaignOutcome:
-    """Sample the population of what is fitted, and write all tables and pages."""
+    """Sample the population of the fitted runs, and write all tables and pages."""
     kept = list(fits.kept_draws(plan, marks, folder.path))
     used = [(run, fitted) for run, fitted in kept if fitted.usable]
     runs = tuple(
@@ -168,7 +168,8 @@ def _publish(
         outcome = outcomes[run.name]
         if run.name in asked or (outcome.outlier and OUTLIERS in asked):
             made = run_job(plan, run)
-            write_page(made, reference, outcome, marks[run.name], folder, crew, report)
+            run_mark = marks[run.name]
+            write_page(plan.spec.name, made, reference, outcome, run_mark, folder, crew, report)
     for name in {*asked} - {*outcomes, OUTLIERS}:
         report.say(f"{name} has no page, as none of its draws can be used")
     reasons = known_reasons(folder.path, {name: marks[name] for name in outcomes})

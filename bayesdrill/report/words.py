@@ -164,7 +164,7 @@ def _parts(rig: Model) -> str:
 
 
 def preview(problem: Problem, config: Config) -> str:
-    """Describe the priors, the search and the sampling of a config, and what is doubtful."""
+    """Describe the priors, the search and the sampling of a config, and how its record was made."""
     posterior, sampler, units = problem.posterior, config.sampler, problem.units
     start = posterior.space.vector(posterior.space.start)
     density = float(posterior.density(start[None])[0])
@@ -178,27 +178,41 @@ def preview(problem: Problem, config: Config) -> str:
             units.symbols(problem.symbols), posterior.space.priors.values(), strict=True
         )
     )
-    doubts = finding_sentences(plausibility.plausibility_of_nominal(problem))
-    findings = (
-        *plausibility.plausibility_of_priors(problem),
-        *plausibility.of_roles(problem),
-        *plausibility.plausibility_of_gear(problem),
-    )
-    kind = "nominal" if problem.nominal else "start"
-    sentences = (  # what makes table, priors, gear or record doubtful before anything is sampled
-        *(f"{kind} values, {doubt}" for doubt in doubts),
-        *finding_sentences(findings),
-        *(f"record: {note}" for note in record_made(problem)),
-        *(f"record, {note}" for note in finding_sentences(suspicions_of_problem(problem, ALL))),
-    )
+    notes = (f"record: {note}" for note in record_made(problem))
     return (
         f"priors:\n{priors}\n"
         f"log posterior at the start: {density:.2f}{_misfit(problem)}{far}\n"
         f"would run: {count_noun(config.map.starts, 'search', 'searches')} by {config.map.method}, then "
         f"{sampler.ensembles} ensembles of {sampler.walkers} walkers for at most {sampler.max_steps} "
         f"steps. They end when R-hat <= {sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and "
-        f"ESS >= {sampler.ess:g}\n" + "\n".join([size(problem, config), *sentences])
+        f"ESS >= {sampler.ess:g}\n" + "\n".join([size(problem, config), *notes])
     )
+
+
+def doubts_before_sampling(problem: Problem) -> tuple[str, ...]:
+    """Return what makes the table, priors, gear or record doubtful before anything is sampled."""
+    kind = "nominal" if problem.nominal else "start"
+    findings = (
+        *plausibility.plausibility_of_priors(problem),
+        *plausibility.of_roles(problem),
+        *plausibility.plausibility_of_gear(problem),
+    )
+    values = finding_sentences(plausibility.plausibility_of_nominal(problem))
+    suspicions = finding_sentences(suspicions_of_problem(problem, ALL))
+    return (
+        *(f"{kind} values, {doubt}" for doubt in values),
+        *finding_sentences(findings),
+        *(f"record, {doubt}" for doubt in suspicions),
+    )
+
+
+def validity(doubts: Sequence[str]) -> str:
+    """Return the sentence that ends the check of a config without mistakes."""
+    lines = count_noun(
+        len(doubts), "of the lines above is a doubt", "of the lines above are doubts"
+    )
+    look = f" {lines} about its values or its record." if doubts else ""
+    return f"The config has no mistakes and can be sampled.{look}"
 
 
 def predictive_draws(problem: Problem, config: Config) -> int:

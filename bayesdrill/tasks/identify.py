@@ -35,6 +35,7 @@ from bayesdrill.report.sections.identifiability import (
     describe_study,
     describe_study_point,
     next_experiment,
+    open_products,
     profile_figure,
     spectrum_figure,
     summarise_study,
@@ -86,7 +87,7 @@ class Findings(Value):
             parts += [describe_study(self.study, self.job.problem.model, self.reasons)]
             parts += describe_timing(self.moment)
             config = "CONFIG" if self.job.files.given else str(self.job.source.path)
-            parts.append(next_experiment(self.study, config))
+            parts.append(next_experiment(self.study.names, open_products(self.study), config))
         if self.profiles:
             parts.append(describe_profiles(self.shown, self.study, self.symbols))
         return "\n\n".join(filter(None, parts))

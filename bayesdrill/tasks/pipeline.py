@@ -305,8 +305,9 @@ def _publish(
         **run_entries.entries(view, analysis_mark(job, view.mode, view.sampled)),
     )
     advice = ""
-    if judged is not None and judged.verdict.saying("not determined") and not view.reasons:
-        advice = next_experiment(judged.study, str(folder.path))
+    if judged is not None and not view.reasons:
+        left = [quantity.exponents for quantity in judged.verdict.undetermined]
+        advice = next_experiment(judged.verdict.names, left, str(folder.path))
     return Outcome(
         folder=folder.path,
         mode=view.mode,

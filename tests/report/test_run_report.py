@@ -117,7 +117,10 @@ def test_a_nominal_table_is_in_doubt_where_the_model_does_not_fit() -> None:
         judged = dataclasses.replace(view.analysis.judged, verdict=verdict)
         mark = run_marks(analysed(view, judged=judged))[-1]
         said[fits] = (mark.text, mark.tone)
-    assert said == {True: ("agrees with tables_2_3", "good"), False: ("verdict in doubt", "doubt")}
+    assert said == {
+        True: ("agrees with the nominal table (tables_2_3)", "good"),
+        False: ("verdict in doubt", "doubt"),
+    }
 
 
 def analysed(view: ReportContext, **said: object) -> ReportContext:

@@ -126,6 +126,8 @@ def test_a_run_has_a_page_on_demand_to_which_its_points_link(copy: Finished) -> 
     (page,) = (copy.folder / "pages").glob("*.html")
     text = page.read_text()
     assert "In the campaign" in text
+    assert "<h1>Run run_2</h1>" in text
+    assert f'<a href="../report.html">Campaign {copy.record["name"]}</a>' in text
     assert "data:image/png" in text
     assert f'<a href="pages/{page.name}">' in (copy.folder / "report.html").read_text()
     assert copy.record["reasons"] == {"run_2": ""}
@@ -195,7 +197,9 @@ simulation:
     assert k_s[1:] / k_s[0] == pytest.approx([1.01, 1.02, 1.03, 1.04], rel=1e-6)
     assert j_1 / j_1[0] == pytest.approx([1, 1, 1, 1.1, 1.1], rel=1e-6)
     assert sorted(k_e / k_e.min()) == pytest.approx([1, 1, 1, 1, 1.5], rel=1e-6)
-    assert "5 runs of 2 rigs" in cli("check", path).out
+    shown = cli("check", path).out
+    assert "5 runs of 2 rigs" in shown
+    assert shown.endswith("\nThe campaign has no mistakes and can run.\n")
     assert_refused(cli("simulate", path), "exists already; give --force")
     replace_text(path, "drift: {k_s", "drift: {k_x")
     assert_refused(cli("simulate", path), "drift.k_x: the rig has no parameter k_x; did you mean")

@@ -58,6 +58,20 @@ def test_a_differenced_speed_is_suspected_until_it_is_declared(tmp_path: Path) -
     assert "101 samples of theta_1 over" in declared
 
 
+def test_a_config_without_mistakes_is_said_to_have_none_and_its_doubts_are_counted(
+    tmp_path: Path,
+) -> None:
+    energy, sampling = ("k_T: nominal", "k_T: 0.06"), ("l_m: nominal", "l_m: 0.05")
+    doubts = {
+        (): " 2 of the lines above are doubts about its values or its record.",
+        (energy,): " 1 of the lines above is a doubt about its values or its record.",
+        (energy, sampling): "",
+    }
+    for changes, said in doubts.items():
+        shown = checked(command_line.small_config(tmp_path, *changes))
+        assert shown.endswith(f"\nThe config has no mistakes and can be sampled.{said}\n")
+
+
 @pytest.mark.slow
 def test_the_size_of_the_results_is_estimated_and_long_records_get_fewer_draws(
     tmp_path: Path,
@@ -97,15 +111,20 @@ OWN_VALUES = "j_m: 1, c_m: 1, k_e: 0.2, k_T: 0.2, r_m: 1, l_m: 1, k_s: 1, j_1: 0
 @run_cases(
     "changes, entry, compared, name",
     [
-        ((), None, set(NINE), "tables_2_3"),
-        ((), "table_1", set(NINE), "table_1"),
+        ((), None, set(NINE), "the nominal table (tables_2_3)"),
+        ((), "table_1", set(NINE), "the nominal table (table_1)"),
         (OTHER, None, set(), None),
         (OTHER, "{tolerance: 0.1}", set(), None),
-        (OTHER, "tables_2_3", set(NINE), "tables_2_3"),
+        (OTHER, "tables_2_3", set(NINE), "the nominal table (tables_2_3)"),
         (OTHER, "{j_1: 0.1}", {"j_1"}, "the config's nominal values"),
         (OTHER, f"{{{OWN_VALUES}}}", set(NINE), "the config's nominal values"),
-        (OTHER, "{table: table_1, j_1: 0.1}", set(NINE), "table_1 (j_1 as in the config)"),
-        ((), "{j_1: 0.03}", set(NINE), "tables_2_3 (j_1 as in the config)"),
+        (
+            OTHER,
+            "{table: table_1, j_1: 0.1}",
+            set(NINE),
+            "the nominal table (table_1, with j_1 as in the config)",
+        ),
+        ((), "{j_1: 0.03}", set(NINE), "the nominal table (tables_2_3, with j_1 as in the config)"),
     ],
 )
 def test_a_rig_is_compared_with_the_table_that_it_asks_for(

@@ -28,7 +28,7 @@ class NominalValues:
     compared: Mapping[str, float]
     published: tuple[str, ...]  # names of compared parameters with the value of a table
     tolerance: Mapping[str, float]  # relative tolerances of all parameters
-    name: str  # the table's name in sentences
+    name: str  # the phrase by which sentences name these values
 
 
 def check_nominal(errors: IssueCollector, config: Config, model: Model) -> dict[str, float]:
@@ -75,11 +75,12 @@ def nominal_table(config: Config, config_values: Mapping[str, float]) -> Nominal
     else:
         single = {name: tolerance.get(name) for name in known}
         tolerances = {name: tolerance.default if x is None else x for name, x in single.items()}
-    amended = f"{table} ({', '.join(n for n in compared if n in config_values)} as in the config)"
+    amended = ", ".join(name for name in compared if name in config_values)
+    shown = f"the nominal table ({table}{f', with {amended} as in the config' if amended else ''})"
     return NominalValues(
         values=values,
         compared=compared,
         published=published,
         tolerance=tolerances,
-        name=(amended if published else "the config's nominal values") if config_values else table,
+        name="the config's nominal values" if amended and not published else shown,
     )

@@ -121,7 +121,8 @@ def _decided(models: Sequence[RunSummary], decision: ModelDecision) -> str:
     noise = f"{gain.get('noise', '')} times as probable as any with its noise, whatever the rig"
     sure = odds(SURE_LOG_ODDS)
     return {
-        "neither": f"NEITHER model nor noise: none is more than {sure} times as probable as {first}",
+        "neither": "NEITHER another model nor another noise is needed: none of the others is clearly "
+        f"more than {sure} times as probable as {first}",
         "priors": f"PRIORS: {lead}, with the same rig and the same noise",
         "model": f"MODEL: {best} is {rig}",
         "noise": f"NOISE: {lead}, with the same rig, and {noise}",

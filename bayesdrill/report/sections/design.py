@@ -40,16 +40,17 @@ def describe_design(design: ExperimentDesign) -> str:
 def _opening(design: ExperimentDesign) -> str:
     source = design.request.source
     family = "free levels" if design.request.family == FREE else design.request.family
-    where = (
-        "the start values" if design.draws == 1 else f"{design.draws} draws of {design.known_from}"
-    )
+    where = "at the start values"
+    if design.draws > 1 or design.known_from != "the prior":
+        draws = count_noun(design.draws, "draw")
+        where = f"averaged over {draws} of {design.known_from}, each of them a possible rig"
     waveform = "a waveform" if len(design.levels) == 1 else f"{len(design.levels)} waveforms"
     promised = "expected log odds" if design.log_odds else "promised relative sds"
     return (
         f"{waveform} of {source.input} for {source.t[-1]:g} s: {count_noun(source.count, 'level')} "
         f"from {source.low:g} to {source.high:g}, each held for "
         f"{source.interval:g} s ({family})\n"
-        f"{promised}, averaged over {where}:"
+        f"{promised}, {where}:"
     )
 
 
@@ -175,6 +176,7 @@ RECORDED_MARK = style.fix_look(
 USUAL_MARK = style.fix_look(
     color=style.NOMINAL["color"], marker="D", markersize=3.5, linestyle="none"
 )
+MARK_SHIFT = 0.23  # of a row, so that marks of equal sds stand one above the other
 
 
 def _waveform(panel: Axes, design: ExperimentDesign, symbol: Symbol, time: scales.Scale) -> None:
@@ -233,12 +235,12 @@ def _sds(panel: Axes, targets: tuple[TargetOutlook, ...]) -> None:
     now = [target.now for target in targets]
     for row, sd in zip(rows, now, strict=True):
         panel.plot([float(x(100 * sd))] * 2, [row - 0.3, row + 0.3], **style.PRIOR_LINE)
-    for sds, look in (
-        ([target.after[RECORDED] for target in targets], RECORDED_MARK),
-        (usual, USUAL_MARK),
-        ([target.designed for target in targets], DESIGNED_MARK),
+    for sds, shift, look in (
+        ([target.after[RECORDED] for target in targets], MARK_SHIFT, RECORDED_MARK),
+        (usual, -MARK_SHIFT, USUAL_MARK),
+        ([target.designed for target in targets], 0.0, DESIGNED_MARK),
     ):
-        panel.plot(x(100 * np.array(sds)), rows, **look)
+        panel.plot(x(100 * np.array(sds)), rows + shift, **look)
     panel.set_ylim(len(targets) - 0.4, -0.6)
     panel.set_yticks(rows, [target.name.replace("**", "^") for target in targets])
     panel.yaxis.tick_right()  # at the left they would move the labels of all other panels

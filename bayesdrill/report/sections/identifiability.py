@@ -11,8 +11,10 @@ import numpy as np
 from bayesdrill.analysis.identifiability.profile import THRESHOLD, Profile
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, KnownProduct, StudyPoint
+from bayesdrill.analysis.verdict import basis
 from bayesdrill.basics.symbols import Symbol, fraction
-from bayesdrill.design.targets import invariant_products, product_target
+from bayesdrill.config.schema.config import IdentifySpec
+from bayesdrill.design.targets import product_target
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
 from bayesdrill.report.doubts import unbelievable
@@ -202,21 +204,26 @@ def remedies(study: IdentifiabilityStudy) -> str:
     return "\n".join(lines)
 
 
-def next_experiment(study: IdentifiabilityStudy, config: str) -> str:
-    """Return the command that designs an experiment for what a record leaves open; empty if nothing.
-
-    Products that an exact symmetry changes are left out, as no experiment with these channels helps.
-    """
+def open_products(study: IdentifiabilityStudy) -> list[Exponents]:
+    """Return products, chosen as those of a verdict are, that a record is expected to leave open."""
     prior_sd = np.array([known.prior_sd for known in study.parameters])
-    open_products = [
-        product_target(study.names, product.exponents).name
-        for product in invariant_products(study.structure, study.information, prior_sd)
-        if product.word != "determined"
-    ]
-    if not open_products:
+    expected, thresholds = study.information.with_priors(prior_sd), IdentifySpec()
+
+    def is_open(exponents: Exponents) -> bool:
+        powers = np.array(exponents, dtype=float)
+        sd_ratio = expected.bound(powers) / float(np.linalg.norm(prior_sd * powers))
+        return thresholds.classify(sd_ratio) != "determined"
+
+    return [*filter(is_open, basis(study, study.names))]
+
+
+def next_experiment(names: Sequence[str], quantities: Sequence[Exponents], config: str) -> str:
+    """Return the command that designs an experiment for these products; empty without any."""
+    if not quantities:
         return ""
-    command = f"bayesdrill design {config} --learn '{','.join(open_products)}'"
-    return f"to search the experiment that would tell: {command}"
+    targets = ",".join(product_target(names, exponents).name for exponents in quantities)
+    command = f"bayesdrill design {config} --learn '{targets}'"
+    return f"to search an experiment that determines what is left open: {command}"
 
 
 def summarise_study(study: IdentifiabilityStudy) -> str:

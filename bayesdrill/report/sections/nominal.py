@@ -321,7 +321,7 @@ def verdict_sentence(verdict: Verdict, table: str, records: int = 1) -> str:
         return f"verdict: {none}. {says} nothing of {table}."
     joint = together = ""
     if verdict.joint is not None:
-        joint = f"taken together they are {sigmas(verdict.joint)} from {table}"
+        joint = f"taken together they are {sigmas(verdict.joint)} away"
         together = f" {joint[0].upper()}{joint[1:]}."
     opening = f"verdict: {determines} {k} of {can}."
     if n == 1:
@@ -366,16 +366,15 @@ def _resting(verdict: Verdict, rests: Sequence[DependsOnFixed]) -> list[str]:
 
 
 def _undecided(verdict: Verdict, units: DisplayUnits) -> Iterator[str]:
-    open_ones = verdict.saying("not determined")
     ends = [f"of {name} ends at {units.format_value(name, e)}" for name, e in verdict.ends.items()]
     reasons = {
         "Not determined by themselves": (
-            [q for q in open_ones if q.blind],
+            [q for q in verdict.saying("not determined") if q.blind],
             "No record of these channels can tell them apart: some of them can be multiplied by one "
             "factor, and no measured signal changes. Only their products count.",
         ),
         "Not determined": (
-            [q for q in open_ones if not q.blind],
+            verdict.undetermined,
             "This record says almost nothing about them: their values are mostly those of the prior. A "
             "longer or cleaner record could show them.",
         ),

@@ -315,8 +315,8 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
         "`shrinkage` is one minus the ratio of the posterior's to the prior's standard deviation."
     )
     if any(row.nominal is not None for row in unknowns):
-        nominal = f"the nominal value ({run.problem.compared_with})"
-        read = f"`dev. %` is the deviation of the posterior mean from {nominal}; {read}"
+        nominal = run.problem.compared_with
+        read = f"`dev. %` is the deviation of the posterior mean from {nominal}. {read}"
     priors = run.problem.posterior.space.priors
     bars = tuple(interval_bar(row, priors[row.name]) for row in unknowns)
     table = believed_columns(run, of_rows(run.units.rows(unknowns), bars))
