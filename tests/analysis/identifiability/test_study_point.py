@@ -128,7 +128,7 @@ def test_slopes_that_overflow_tell_nothing() -> None:
     [
         (
             {"theta_2": "free", "w_2": "free"},
-            "every parameter of the rig; of sensors and starts it leaves theta_2_0",
+            "every unknown but theta_2_0, which the prior determines",
         ),
         ({"w_2": "free"}, "every unknown"),
     ],
