@@ -300,7 +300,7 @@ class ParameterSpace:
     @cached_property
     def bounding(self) -> tuple[str, ...]:
         """Return parameters whose relation may give a number that is not positive."""
-        negative = {u.name for u in self.unknowns if u.signed} | {*self.signed}
+        negative = {unknown.name for unknown in self.unknowns if unknown.prior.low < 0}
         negative |= {name for name, value in self.fixed.items() if value <= 0}
         return tuple(
             name
