@@ -270,9 +270,8 @@ class _RigDrawing:
     def _width(self, name: str) -> float:
         part = self.parts[name]
         mesh = self._mesh(part.circuit) + 0.36 if part.circuit else 0.3
-        if (
-            part.circuit and part.circuit.goal
-        ):  # a part is centred: what stands on one side counts twice
+        if part.circuit and part.circuit.goal:
+            # A part is centred, so what stands on one side of it counts twice.
             goal = self._measure(self._formula([part.circuit.goal])) + GOAL
             mesh += 2 * max(goal, self._measure(*self._law(part.circuit)) - PAD)
         return max(self._measure(*part.above, *part.below), self.body, mesh) + 2 * PAD
