@@ -223,8 +223,14 @@ class InputTiming:
 
 
 def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTiming | None:
-    """Return the shifts at `theta (D,)` by inputs half a sample later; None if lags are unknowns."""
+    """Return the shifts at `theta (D,)` by inputs half a sample later.
+
+    The result is None if lags are unknowns, or if no input acts.
+    """
     observations = sensitivity.likelihood.observations
+    experiments = [observation.experiment for observation in observations]
+    if not any(each.series or any(each.constant.values()) for each in experiments):
+        return None
     if not sensitivity.unknowns or any(_lag_is_free(observation) for observation in observations):
         return None
     half = 0.5 * min(_step(observation.experiment) for observation in observations)

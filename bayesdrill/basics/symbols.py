@@ -21,7 +21,8 @@ SPEED_UNITS: Mapping[str, str] = MappingProxyType({"rad": "rad/s", "m": "m/s"})
 class Symbol:
     """A quantity has an SI unit in pint's notation, LaTeX, and LaTeX of its unit.
 
-    `held` is the range of values at which a parameter may be fixed; an unknown one is positive.
+    `held` is the range of values at which a parameter may be fixed. An unknown one is positive, unless
+    it may have `any` value, such as an angle.
     `at_most` is its upper bound.  `typical` quotes SI values of known rigs with their sources.
     `drives` marks an input without which the rig would not move.
     """
@@ -35,6 +36,11 @@ class Symbol:
     at_most: float = math.inf
     typical: str = ""
     drives: bool = field(default=False, repr=False)  # fingerprints of runs contain the `repr`
+
+    @property
+    def signed(self) -> bool:
+        """Return whether a parameter may be negative, also as an unknown."""
+        return self.held == "any"
 
     @property
     def plain_unit(self) -> str:

@@ -171,6 +171,7 @@ def _first(sensors: Sequence[Sensor], what: str, unused: dict[str, str]) -> Sens
         if what == "voltage" and len(sensor.column.meaning.kind_word) == 1:
             why = f"looks like a voltage by its name, and {sensors[0].name} is taken as the voltage; if "
             why += f'it is a speed use --columns "{sensor.column.command}=w_1 [rad/s]" or v_cart [mm/s]'
+            why += f', and name the voltage too: --columns "{sensors[0].column.command}=v [V]"'
         unused[sensor.name] = why
     return sensors[0]
 

@@ -43,7 +43,7 @@ def regression_start(posterior: Posterior) -> Array | None:
     space, coordinates = posterior.space, posterior.coordinates
     observations = posterior.likelihood.observations
     start = space.vector(space.start)
-    columns = space.columns("rig", "quantity")
+    columns = space.columns("rig", "quantity", "offset")
     motions = [motion for each in observations if (motion := _motion(each))]
     if not columns or len(motions) < len(observations):
         return None

@@ -1,8 +1,8 @@
 """Define prior families: normalised one-dimensional densities, SI.
 
-Every parameter of a rig is positive, so a family that reaches below zero is cut there and
-renormalised.  A number of a sensor or a start may be negative: its prior has a `low` below zero,
-or none.  `logpdf` is -inf outside the support and never NaN.
+Nearly every parameter of a rig is positive, so a family that reaches below zero is cut there and
+renormalised.  A number of a sensor or a start, or an angle of a rig, may be negative: its prior has
+a `low` below zero, or none.  `logpdf` is -inf outside the support and never NaN.
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ def flat_in_logs(prior: Prior | None) -> bool:
 
 
 def normal(mean: Number, sd: Positive) -> TruncatedNormal:
-    """Cut at zero and renormalised, as all unknowns are positive."""
+    """Cut at zero and renormalised, as most parameters are positive."""
     return TruncatedNormal(mean, sd)
 
 

@@ -127,9 +127,11 @@ def directional_curvature(directions: Array, curvature: Array) -> Array:
     return np.asarray((curvature[:, None, :] * directions.T) @ directions)
 
 
-Role = Literal["rig", "quantity", "sensor", "start", "noise"]
+# An offset is a parameter of the rig that may be negative, such as the tilt of an arm.
+Role = Literal["rig", "quantity", "offset", "sensor", "start", "noise"]
+RIG_ROLES: tuple[Role, ...] = ("rig", "quantity")  # these are positive, and come first
 # Unknowns with these roles are parameters of a simulator.
-SIMULATOR_ROLES: tuple[Role, ...] = ("rig", "quantity", "sensor", "start")
+SIMULATOR_ROLES: tuple[Role, ...] = ("rig", "quantity", "offset", "sensor", "start")
 Transform = Literal["log", "plain"] | tuple[float, float]
 
 
@@ -164,7 +166,7 @@ class Unknown:
     @property
     def signed(self) -> bool:
         """Return whether it may be zero or negative, so that its logarithm cannot be sampled."""
-        small = self.role in ("sensor", "start") and not self.in_logs
+        small = self.role in ("offset", "sensor", "start") and not self.in_logs
         return self.between is not None or self.prior.low < 0 or small
 
     @property
@@ -201,13 +203,15 @@ class ParameterSpace:
     """A parameter space has D `unknowns`, and P parameters of the `model` that follow from them.
 
     Unknowns of the noise come last.  `model` names the parameters of rig, sensors and starts, which are
-    unknown, `fixed`, or follow from others by `relations`.  `theta (W, D)` is always physical, SI.
+    unknown, `fixed`, or follow from others by `relations`, which may be negative for those that are
+    `signed`.  `theta (W, D)` is always physical, SI.
     """
 
     model: tuple[str, ...]
     unknowns: tuple[Unknown, ...]
     fixed: Mapping[str, float]
     relations: Mapping[str, Expression] = field(default_factory=dict)
+    signed: frozenset[str] = frozenset()
 
     @cached_property
     def free(self) -> tuple[str, ...]:
@@ -296,7 +300,13 @@ class ParameterSpace:
     @cached_property
     def bounding(self) -> tuple[str, ...]:
         """Return parameters whose relation may give a number that is not positive."""
-        return tuple(name for name, r in self.relations.items() if not r.positive)
+        negative = {unknown.name for unknown in self.unknowns if unknown.prior.low < 0}
+        negative |= {name for name, value in self.fixed.items() if value <= 0}
+        return tuple(
+            name
+            for name, r in self.relations.items()
+            if name not in self.signed and not (r.positive and negative.isdisjoint(r.names))
+        )
 
     @cached_property
     def box(self) -> tuple[list[int], Array, Array, float]:

@@ -29,6 +29,7 @@ BESIDE_EACH_OTHER = 1.0  # distance of parallel shafts between the same inertias
 FOLDED = 1.1 * scales.DOUBLE  # width in inches beyond which a chain continues in another row
 # Heights of a motor above what it turns, of its circuit, and of the symbols above that.
 MACHINE, MESH, SYMBOLS = 0.62, 0.66, 0.34
+GOAL = 0.3  # length of the arrow from the goal to the controller of a servo
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +53,7 @@ class _Part:
     pushed: bool = False  # by an input that the lines nearest to it name
     driven: bool = False  # by one without which the rig would stand still
     held: bool = False
-    circuit: MotorRoles | None = None  # of a voltage, drawn above it
+    circuit: MotorRoles | None = None  # of a voltage or a servo, drawn above it
 
 
 @dataclass(slots=True)
@@ -165,8 +166,9 @@ class _RigDrawing:
 
     def _part(self, inertia: InertiaRoles) -> _Part:
         rig, motor, inputs = self.rig, self.roles.motor(inertia.name), self._inputs(inertia)
-        circuit = motor if motor and motor.voltage in inputs else None
-        pushes = [name for name in inputs if not circuit or name != circuit.voltage]
+        circuit = motor if motor and {motor.voltage, motor.goal} & {*inputs} else None
+        sources = (circuit.voltage, circuit.goal, circuit.supply) if circuit else ()
+        pushes = [name for name in inputs if name not in sources]
         constant = self._latex(motor.torque_constant) if motor and pushes and not circuit else ""
         angle = inertia.latex or rig.symbols[inertia.angle].latex
         turns = rf"${angle},\,\dot {angle}$"
@@ -192,12 +194,19 @@ class _RigDrawing:
         motor = self.roles.motor(inertia.name)
         inputs = [inertia.torque, inertia.load, inertia.bit_weight]
         inputs += [inertia.speed] * (not inertia.latex)  # a speed that is a state itself is imposed
-        inputs += [motor.voltage, motor.current] if motor else []
+        inputs += [motor.voltage, motor.current, motor.goal, motor.supply] if motor else []
         return [name for name in inputs if name in self.rig.inputs]
 
     def _series(self, motor: MotorRoles) -> list[str]:
         names = (motor.resistance, motor.series, motor.inductance, motor.drop)
         return [name for name in names if name in self.rig.parameters]
+
+    def _law(self, motor: MotorRoles) -> list[str]:
+        """Return the numbers of the controller of a servo, in lines of two."""
+        law = (motor.duty, motor.proportional, motor.derivative)
+        names = (*law, motor.limit, motor.band, motor.goal_speed)
+        known = [name for name in names if name in self.rig.parameters]
+        return [self._latex(*pair) for pair in batched(known, 2)]
 
     # Positions of the parts.
 
@@ -261,10 +270,15 @@ class _RigDrawing:
     def _width(self, name: str) -> float:
         part = self.parts[name]
         mesh = self._mesh(part.circuit) + 0.36 if part.circuit else 0.3
+        if part.circuit and part.circuit.goal:
+            # A part is centred, so what stands on one side of it counts twice.
+            goal = self._measure(self._formula([part.circuit.goal])) + GOAL
+            mesh += 2 * max(goal, self._measure(*self._law(part.circuit)) - PAD)
         return max(self._measure(*part.above, *part.below), self.body, mesh) + 2 * PAD
 
     def _mesh(self, motor: MotorRoles) -> float:
-        series, inside = self._series(motor), self._formula([motor.voltage, motor.current])
+        series = self._series(motor)
+        inside = self._formula([motor.voltage or motor.supply, motor.current])
         each = max(0.42, self._measure(*map(self._latex, series)) + PAD)
         return max(1.2, len(series) * each, self._measure(inside) + 0.6)
 
@@ -384,12 +398,23 @@ class _RigDrawing:
                 fill = {"facecolor": style.BLACK} if name == motor.inductance else {}
                 sheet.box((begin + end) / 2, high, 0.22, 0.09, zorder=2, **HOLLOW | fill)
             sheet.write((begin + end) / 2, high + 0.19, self._latex(name))
-        for place, words in (((left, middle), "$+$\n$-$"), ((x, low), "M")):
-            sheet.circle(*place, radius, **HOLLOW)
-            sheet.write(*place, words, linespacing=0.6)
+        if motor.goal:
+            sheet.box(left, middle, 2 * radius, 2 * radius, **HOLLOW)
+            sheet.write(left, middle, "PD" if motor.derivative in self.rig.parameters else "P")
+            sheet.arrow((left - radius - GOAL, middle), (left - radius, middle))
+            goal = self._formula([motor.goal])
+            sheet.write(left - radius - GOAL - 0.04, middle, goal, ha="right")
+            for k, line in enumerate(self._law(motor)):
+                sheet.write(left - 0.1, middle - 0.29 - k * LINE_HEIGHT, line, ha="right")
+        else:
+            sheet.circle(left, middle, radius, **HOLLOW)
+            sheet.write(left, middle, "$+$\n$-$", linespacing=0.6)
+        sheet.circle(x, low, radius, **HOLLOW)
+        sheet.write(x, low, "M")
         sheet.arrow((right, high), (right, middle - 0.1))
         sheet.arrow((x, low - radius), (x, top + 0.04))
-        sheet.write(left + 0.23, middle, self._formula([motor.voltage]), ha="left")
+        source = self._formula([motor.voltage or motor.supply])
+        sheet.write(left + 0.23, middle, source, ha="left")
         sheet.write(right - 0.1, middle, self._formula([motor.current]), ha="right")
         sheet.write(x - 0.1, low - 0.28, self._latex(motor.torque_constant), ha="right")
         sheet.write(x + 0.22, low - 0.13, self._latex(motor.back_emf), ha="left")

@@ -55,6 +55,12 @@ TRAINS: dict[str, Model] = {
         drives={"motor": "speed"},
         rock=("left",),
     ),
+    "servo": Train(inertias=("arm",), drives={"arm": "servo"}, gravity=("arm",)),
+    "supplied": Train(
+        inertias=("motor", "arm"),
+        shafts={"link": ["motor", "arm"]},
+        drives={"motor": {"servo": 12.0}},
+    ),
     "paper": MotorShaft(),
     "motor": Motor(),
 }

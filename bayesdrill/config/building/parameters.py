@@ -26,7 +26,7 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.numbers import ParameterPrior
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.posterior import Formula
-from bayesdrill.inference.unknowns import ParameterSpace, Unknown
+from bayesdrill.inference.unknowns import RIG_ROLES, ParameterSpace, Role, Unknown
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import (
@@ -55,6 +55,7 @@ class RigNumbers:
     parameters: Mapping[str, ParsedNumber | Expression]
     quantities: Mapping[str, ParsedNumber]
     derived: tuple[Formula, ...]
+    signed: frozenset[str]  # parameters that may be negative
 
     @property
     def related(self) -> Mapping[str, Expression]:
@@ -77,6 +78,7 @@ def joint_space(
     fixed: dict[str, float] = {}
     relations: dict[str, Expression] = {}
     names: list[str] = []
+    signed: set[str] = set()
 
     def add(number: ParsedNumber) -> None:
         if isinstance(number.value, float):
@@ -91,6 +93,7 @@ def joint_space(
             if (joint := joint_names[name]) in names:
                 continue
             names.append(joint)
+            signed |= {joint} if name in numbers_.signed else set()
             number = numbers_.parameters[name]
             if isinstance(number, ParsedNumber):
                 add(number if joint == name else number.for_experiment(label))
@@ -105,9 +108,10 @@ def joint_space(
         add(number)
     return ParameterSpace(
         model=(*names, *(number.name for number in sensors)),
-        unknowns=(*unknowns, *noise),
+        unknowns=(*sorted(unknowns, key=lambda u: u.role not in RIG_ROLES), *noise),
         fixed=fixed,
         relations=relations,
+        signed=frozenset(signed),
     )
 
 
@@ -159,7 +163,8 @@ def parse_parameter(
         above = f"the prior {reaches}, and {name} is at most {upper_limit:g}"
         raise ValueError(f"{above}; let it end, {example}")
     begin = search_start(spec, built, table.compared.get(name))
-    return ParsedNumber(symbol=symbol, role="rig", value=built, start=begin)
+    role: Role = "offset" if symbol.signed and built.low < 0 else "rig"
+    return ParsedNumber(symbol=symbol, role=role, value=built, start=begin)
 
 
 def parse_relation(config: Config, model: Model, name: str) -> Expression | None:
@@ -237,7 +242,12 @@ def _check_relations(
     parameters = {n: x for n in model.parameters if (x := parsed_parameters[n]) is not None}
     if len(parameters) < len(model.parameters):  # a mistake that was reported already
         return None
-    rig = RigNumbers(parameters=parameters, quantities=quantities_, derived=tuple(derived))
+    rig = RigNumbers(
+        parameters=parameters,
+        quantities=quantities_,
+        derived=tuple(derived),
+        signed=frozenset(n for n in parameters if model.symbols[n].signed),
+    )
     try:
         if not errors.source.labels:
             check_used(errors, config, [rig])
@@ -265,19 +275,21 @@ def check_used(errors: IssueCollector, config: Config, each: Iterable[RigNumbers
 def _check_values(
     errors: IssueCollector, config: Config, space: ParameterSpace, related: Mapping[str, Expression]
 ) -> Named:
-    """Check that computed parameters are positive wherever the priors lead; return all values."""
+    """Check the ranges of computed parameters wherever the priors lead; return all values."""
     theta = space.draw(TRIED_DRAWS, np.random.default_rng(0)) if space.free else np.ones((1, 0))
     named = space.named(theta)
     for name, relation in related.items():
         values = np.broadcast_to(named[name], len(theta))
         upper_limit = min(LARGEST, config.vocabulary.parameters[name].at_most)
-        good = (values >= SMALLEST) & (values <= upper_limit)
+        good, wanted = (values >= SMALLEST) & (values <= upper_limit), "positive"
+        if config.vocabulary.parameters[name].signed:
+            good, wanted = np.abs(values) <= upper_limit, "a number"
         if not good.all():
             k = int(np.argmin(good))
             errors.add(
                 ("parameters", name),
                 f"'{relation.text}' is {values[k]:.3g} at {100 * np.mean(~good):.3g} % of what the "
-                f"priors allow, and must be positive (and at most {upper_limit:g}); correct the "
+                f"priors allow, and must be {wanted} (and at most {upper_limit:g}); correct the "
                 "formula or narrow the priors",
             )
     return named

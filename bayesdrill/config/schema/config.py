@@ -29,6 +29,7 @@ from bayesdrill.config.schema.numbers import (
     ParameterSpec,
     QuantitySpec,
     SigmaSpec,
+    SignedSpec,
     entry_shape,
     shorthand,
 )
@@ -102,7 +103,7 @@ Tolerance = Annotated[float, Field(ge=0, lt=1)]
 class Parameters(NamedSection):
     """The parameters section says what is known of each parameter of the rig."""
 
-    __pydantic_extra__: dict[str, ParameterSpec | None]
+    __pydantic_extra__: dict[str, ParameterSpec | SignedSpec | None]
 
     model_config = ConfigDict(
         json_schema_extra={

@@ -33,7 +33,7 @@ def json_schema() -> str:
     defs = whole["$defs"]
     schema = defs.pop("Config")
     # Names with the least restricted entries: numbers that may be negative, and driving inputs.
-    free_names = {name for name, symbol in HOUSE.parameters.items() if symbol.held == "any"}
+    free_names = {name for name, symbol in HOUSE.parameters.items() if symbol.signed}
     free_names |= {*HOUSE.inputs, *HOUSE.starts} - {*HOUSE.idle}
     for place, entries in named.items():
         section = SECTIONS[place]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import typing
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, Union
 
 from pydantic import (
@@ -20,7 +21,7 @@ from pydantic import (
 
 from bayesdrill.basics.entries import Latex, Number, Positive, Strict
 from bayesdrill.config.schema.vocabulary import HOUSE, Vocabulary
-from bayesdrill.inference.priors import PRIORS, SIGNED_PRIORS, Prior
+from bayesdrill.inference.priors import PRIORS, SIGNED_PRIORS, LogUniform, Prior
 
 
 def entry_shape(value: Any) -> str:
@@ -92,6 +93,15 @@ class ParameterPrior(PriorSpec):
     )
 
 
+class SignedPrior(ParameterPrior):
+    """The prior of a parameter that may be negative, such as an angle, is not cut at zero."""
+
+    families = MappingProxyType({**PRIORS, **SIGNED_PRIORS})
+
+    start: Number | None = None
+    """Where the search for the MAP begins; default: the nominal value, or else the median."""
+
+
 class QuantityPrior(ParameterPrior):
     """The prior of a quantity has a unit of its own."""
 
@@ -129,7 +139,8 @@ _SIGNED: Mapping[str, Any] = {
 
 def _spec(base: type[PriorSpec], name: str) -> type[PriorSpec]:
     """Return the entries of the prior family `name`, all required, with those that `base` adds."""
-    family, overrides = base.families[name], _SIGNED if base is SensorPrior else {}
+    family = base.families[name]
+    overrides = _SIGNED if base.families is not PRIORS and family is not LogUniform else {}
     fields: dict[str, Any] = {"prior": (Literal[name], ...)}
     fields |= {entry: (overrides.get(entry, hint), ...) for entry, hint in _entries(family).items()}
     title = f"{name.title().replace('_', '')}{base.__name__}"
@@ -141,7 +152,7 @@ def _spec(base: type[PriorSpec], name: str) -> type[PriorSpec]:
 
 _SPECS: Mapping[str, type[PriorSpec]] = {
     model.__name__: model
-    for base in (ParameterPrior, QuantityPrior, SensorPrior)
+    for base in (ParameterPrior, SignedPrior, QuantityPrior, SensorPrior)
     for model in (_spec(base, name) for name in base.families)
 }
 globals().update(_SPECS)  # pickle finds a class by its name in its module
@@ -162,6 +173,7 @@ class _OfAnyFamily:
 
 
 _ParameterPrior = Annotated[ParameterPrior, _OfAnyFamily]
+_SignedPrior = Annotated[SignedPrior, _OfAnyFamily]
 _QuantityPrior = Annotated[QuantityPrior, _OfAnyFamily]
 _SensorPrior = Annotated[SensorPrior, _OfAnyFamily]
 
@@ -179,7 +191,13 @@ ParameterSpec = Annotated[
     | Annotated[_ParameterPrior, Tag("<mapping>")],
     Discriminator(_parameter_shape),
 ]
-
+SignedSpec = Annotated[
+    Annotated[Number, Tag("<number>")]
+    | Annotated[str, Tag("<word>")]
+    | Annotated[Tie, Tag("<tie>")]
+    | Annotated[_SignedPrior, Tag("<mapping>")],
+    Discriminator(_parameter_shape),
+]
 
 SigmaSpec = Annotated[
     Annotated[Positive, Tag("<number>")] | Annotated[_ParameterPrior, Tag("<mapping>")],

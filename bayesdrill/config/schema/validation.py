@@ -66,7 +66,9 @@ def named_entries(words: Vocabulary) -> Mapping[Place, Mapping[str, Any]]:
     for name, symbol in words.parameters.items():
         fixed = _limited(symbol, _HELD[symbol.held])
         kinds = {
-            ("parameters",): _with_number(numbers.ParameterSpec, fixed),
+            ("parameters",): _with_number(
+                numbers.SignedSpec if symbol.signed else numbers.ParameterSpec, fixed
+            ),
             ("nominal",): _with_number(numbers.NominalSpec, _limited(symbol, Positive)),
             ("nominal", "tolerance"): Tolerance | None,
             ("simulation",): fixed | None,

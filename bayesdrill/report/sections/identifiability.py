@@ -165,10 +165,10 @@ def knowledge(study: IdentifiabilityStudy) -> str:
 
 
 def nuisances(study: IdentifiabilityStudy) -> str:
-    """Describe how well sensors and starts would be known, and what resembles each."""
+    """Describe how well the unknowns without relative deviations would be known, and what is alike."""
     if not study.nuisances:
         return ""
-    lines = ["sensors and starts (standard deviations, SI):"]
+    lines = ["other unknowns (standard deviations, SI):"]
     header = ("", "with the record", "prior", "")
     rows = [(f"  {n.name}", f"{n.sd:.2g}", f"{n.prior_sd:.2g}", n.word) for n in study.nuisances]
     lines.append(aligned([header, *rows], left={0, 3}))
@@ -249,8 +249,9 @@ def _of_each(study: IdentifiabilityStudy) -> str:
     if not loose and not left and not tied:
         if not unseen:
             return "the record determines every unknown"
-        sensors = f"of sensors and starts it leaves {listed(unseen)} largely to the prior"
-        return f"the record determines every parameter of the rig; {sensors}"
+        return (
+            f"the record determines every unknown but {listed(unseen)}, which the prior determines"
+        )
     parts = ["no symmetry hides an unknown from this record"]
     if loose:
         parts.append(f"without priors it would determine {listed(loose)} at best")
