@@ -62,6 +62,7 @@ def known_reasons(folder: Path, marks: Mapping[str, str]) -> dict[str, str]:
 
 
 def write_page(
+    campaign: str,
     job: Job,
     reference: Reference,
     outcome: RunOutcome,
@@ -70,7 +71,10 @@ def write_page(
     crew: RefitExecutor,
     report: Reporter,
 ) -> None:
-    """Search the maximum of a run, rank causes if it does not fit, and write its page."""
+    """Search the maximum of a run, rank causes if it does not fit, and write its page.
+
+    The page has the name of the run as its title, and links to the page of the `campaign`.
+    """
     report.say(f"the page of {outcome.name}")
     posterior = fits.started_at(job.problem.posterior, reference.values)
     mode = crew.submit(search, posterior, fit_plan(job)).result()
@@ -109,7 +113,12 @@ def write_page(
         for stem, drawing in shown.figures.items():
             looks = (shown.warning, output.formats_or_default, output.dpi)
             publish.draw(job.problem.posterior, stem, drawing, place, note, *looks)
-        page = shown.page(Path(name), *(each for each in sections if each.blocks))
+        page = shown.page(
+            Path(name),
+            *(each for each in sections if each.blocks),
+            title=f"Run {outcome.name}",
+            parent=(f"Campaign {campaign}", "../report.html"),
+        )
     path = folder.path / page_name(outcome.name)
     path.parent.mkdir(exist_ok=True)
     folder.write_text(page_name(outcome.name), page)

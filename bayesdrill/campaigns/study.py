@@ -168,7 +168,8 @@ def _publish(
         outcome = outcomes[run.name]
         if run.name in asked or (outcome.outlier and OUTLIERS in asked):
             made = run_job(plan, run)
-            write_page(made, reference, outcome, marks[run.name], folder, crew, report)
+            run_mark = marks[run.name]
+            write_page(plan.spec.name, made, reference, outcome, run_mark, folder, crew, report)
     for name in {*asked} - {*outcomes, OUTLIERS}:
         report.say(f"{name} has no page, as none of its draws can be used")
     reasons = known_reasons(folder.path, {name: marks[name] for name in outcomes})

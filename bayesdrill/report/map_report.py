@@ -116,8 +116,17 @@ class MapReport:
             PAGE: as_markdown(self.config.name, self.sections),
         }
 
-    def page(self, folder: Path, *more: Section) -> str:
-        """Return the page as HTML, with the pictures and the config in `folder`, and `more` below."""
+    def page(
+        self,
+        folder: Path,
+        *more: Section,
+        title: str | None = None,
+        parent: tuple[str, str] | None = None,
+    ) -> str:
+        """Return the page as HTML, with the pictures and the config in `folder`, and `more` below.
+
+        The title is the name of the config by default; `as_html` explains `parent`.
+        """
         config = self.config
         marks = provenance.marks(config, self.problem)
         lines = (
@@ -129,7 +138,8 @@ class MapReport:
         )
         every = (*self.sections, *more, made_of(lines, folder))
         figures = folder / output_files.FIGURES
-        return as_html(config.name, "maximum", every, figures, self.problem.symbols)
+        name = config.name if title is None else title
+        return as_html(name, "maximum", every, figures, self.problem.symbols, parent)
 
     @cached_property
     def figures(self) -> Mapping[str, Drawing]:

@@ -43,11 +43,12 @@ def as_html(
     sections: Sequence[Section],
     figures: Path,
     symbols: Sequence[Symbol] = (),
+    parent: tuple[str, str] | None = None,
 ) -> str:
     """Render sections as a page of HTML.
 
     `what`: the kind of report; `figures`: where the PNG or SVG of pictures are; those without
-    either are left out.
+    either are left out; `parent`: title and address of the page to which the header links back.
     """
     import jinja2  # late: only pages need templates
 
@@ -78,6 +79,7 @@ def as_html(
     return environment.get_template("report.html.j2").render(
         title=title,
         what=what,
+        parent=parent,
         sections=sections,
         version=bayesdrill.__version__,
         shown={stem: picture for stem, picture in shown.items() if picture is not None},

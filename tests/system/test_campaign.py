@@ -134,6 +134,8 @@ def test_a_run_has_a_page_on_demand_to_which_its_points_link(copy: Finished) -> 
     (page,) = (copy.folder / "pages").glob("*.html")
     text = page.read_text()
     assert "In the campaign" in text
+    assert "<h1>Run run_2</h1>" in text
+    assert f'<a href="../report.html">Campaign {copy.record["name"]}</a>' in text
     assert "data:image/png" in text
     assert f'<a href="pages/{page.name}">' in (copy.folder / "report.html").read_text()
     assert copy.record["reasons"] == {"run_2": ""}
