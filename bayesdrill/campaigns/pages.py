@@ -11,11 +11,10 @@ from bayesdrill import output_files
 from bayesdrill.basics import software
 from bayesdrill.campaigns.charts import places, runs_figure
 from bayesdrill.campaigns.fit import PopulationFit
-from bayesdrill.campaigns.fits import Reference, write_parquet
+from bayesdrill.campaigns.fits import CheckedCampaign, write_parquet
 from bayesdrill.campaigns.outcomes import Estimate, ProductPopulation
 from bayesdrill.campaigns.run_pages import page_name
 from bayesdrill.campaigns.runs import CampaignPlan
-from bayesdrill.config.job import Job
 from bayesdrill.config.schema.campaign import SECONDS
 from bayesdrill.output_files import FIGURES
 from bayesdrill.report import run_report, style
@@ -310,17 +309,13 @@ def screen(record: CampaignRecord) -> str:
     return "\n\n".join(as_text(campaign_sections(record)))
 
 
-def write(
-    plan: CampaignPlan, job: Job, reference: Reference, record: CampaignRecord, folder: Folder
-) -> None:
+def write(campaign: CheckedCampaign, record: CampaignRecord, folder: Folder) -> None:
     """Write figure, tables and pages."""
-    population, output = record.population, job.config.output
+    plan, population, output = campaign.plan, record.population, campaign.job.config.output
     place, formats = folder.path / FIGURES, output.formats_or_default
     place.mkdir(exist_ok=True)
-    symbols = job.problem.symbols
-    figure, points = runs_figure(
-        plan, population, reference.exponents, symbols, WIDTHS[output.size]
-    )
+    symbols, exponents = campaign.job.problem.symbols, campaign.reference.exponents
+    figure, points = runs_figure(plan, population, exponents, symbols, WIDTHS[output.size])
     note = {"Title": record.name, "Creator": software.creator()}
     style.save(figure, place, "runs", note, formats=formats, dpi=output.dpi)
     folder.write_text("population.csv", population_csv(population))

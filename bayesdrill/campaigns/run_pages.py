@@ -15,9 +15,10 @@ from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns import fits
-from bayesdrill.campaigns.fits import Reference
+from bayesdrill.campaigns.fits import CheckedCampaign
 from bayesdrill.campaigns.outcomes import RunOutcome
-from bayesdrill.config.job import Job
+from bayesdrill.campaigns.records import run_job
+from bayesdrill.campaigns.runs import CampaignRun
 from bayesdrill.output_files import PAGES
 from bayesdrill.report import publish
 from bayesdrill.report.map_report import MapReport
@@ -62,20 +63,19 @@ def known_reasons(folder: Path, marks: Mapping[str, str]) -> dict[str, str]:
 
 
 def write_page(
-    campaign: str,
-    job: Job,
-    reference: Reference,
+    campaign: CheckedCampaign,
+    run: CampaignRun,
     outcome: RunOutcome,
-    mark: str,
     folder: Folder,
     crew: RefitExecutor,
     report: Reporter,
 ) -> None:
     """Search the maximum of a run, rank causes if it does not fit, and write its page.
 
-    The page has the name of the run as its title, and links to the page of the `campaign`.
+    The page has the name of the run as its title, and links to the page of the campaign.
     """
-    report.say(f"the page of {outcome.name}")
+    job, reference = run_job(campaign.plan, run), campaign.reference
+    report.say(f"the page of {run.name}")
     posterior = fits.started_at(job.problem.posterior, reference.values)
     mode = crew.submit(search, posterior, fit_plan(job)).result()
     job = job.with_steps_at(mode)
@@ -108,7 +108,7 @@ def write_page(
     with tempfile.TemporaryDirectory() as name:
         place = Path(name) / "figures"
         place.mkdir()
-        note = {"Title": outcome.name, "Creator": software.creator()}
+        note = {"Title": run.name, "Creator": software.creator()}
         output = job.config.output
         for stem, drawing in shown.figures.items():
             looks = (shown.warning, output.formats_or_default, output.dpi)
@@ -116,13 +116,13 @@ def write_page(
         page = shown.page(
             Path(name),
             *(each for each in sections if each.blocks),
-            title=f"Run {outcome.name}",
-            parent=(f"Campaign {campaign}", "../report.html"),
+            title=f"Run {run.name}",
+            parent=(f"Campaign {campaign.plan.spec.name}", "../report.html"),
         )
-    path = folder.path / page_name(outcome.name)
+    path = folder.path / page_name(run.name)
     path.parent.mkdir(exist_ok=True)
-    folder.write_text(page_name(outcome.name), page)
-    record = RunPage(run=outcome.name, mark=mark, reason=reason)
+    folder.write_text(page_name(run.name), page)
+    record = RunPage(run=run.name, mark=campaign.marks[run.name], reason=reason)
     folder.write_text(f"{PAGES}/{path.stem}.json", dump_record(record, FORM))
 
 

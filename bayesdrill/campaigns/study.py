@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +19,9 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns import fits, pages
 from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
 from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_population
-from bayesdrill.campaigns.fits import Reference
+from bayesdrill.campaigns.fits import CheckedCampaign, Reference
 from bayesdrill.campaigns.pages import CampaignRecord, concluded
-from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs, run_job
+from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs
 from bayesdrill.campaigns.run_pages import known_reasons, write_page
 from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan
 from bayesdrill.config.job import Job
@@ -88,10 +88,9 @@ def run_campaign(
         with interruptions(folder, progress, (InputError,)):
             reference = _reference(job, folder, crew, report)
             marks = fits.draws_marks(digests, reference)
-            fits.fit_runs(plan, job, reference, marks, output, crew, report)
-            return _publish(
-                plan, job, reference, marks, folder, problems or [], asked, crew, report
-            )
+            campaign = CheckedCampaign(plan=plan, job=job, reference=reference, marks=marks)
+            fits.fit_runs(campaign, output, crew, report)
+            return _publish(campaign, folder, problems or [], asked, crew, report)
 
 
 def _too_few(plan: CampaignPlan, count: int, reasons: list[Issue]) -> InputError:
@@ -127,10 +126,7 @@ def _reference(job: Job, folder: Folder, crew: RefitExecutor, report: Reporter) 
 
 
 def _publish(
-    plan: CampaignPlan,
-    job: Job,
-    reference: Reference,
-    marks: Mapping[str, str],
+    campaign: CheckedCampaign,
     folder: Folder,
     problems: list[Issue],
     asked: Sequence[str],
@@ -138,7 +134,8 @@ def _publish(
     report: Reporter,
 ) -> CampaignOutcome:
     """Sample the population of what is fitted, and write all tables and pages."""
-    kept = list(fits.kept_draws(plan, marks, folder.path))
+    plan, marks = campaign.plan, campaign.marks
+    kept = list(fits.kept_draws(campaign, folder.path))
     used = [(run, fitted) for run, fitted in kept if fitted.usable]
     runs = tuple(
         InterimDraws(
@@ -156,8 +153,8 @@ def _publish(
     }
     if len(runs) < LEAST_RUNS:
         raise _too_few(plan, len(runs), [*itertools.starmap(Issue, not_used.items()), *problems])
-    draws = CampaignDraws(products=reference.products, runs=runs)
-    settings = PopulationSettings(nominal=_nominal(job, reference))
+    draws = CampaignDraws(products=campaign.reference.products, runs=runs)
+    settings = PopulationSettings(nominal=_nominal(campaign.job, campaign.reference))
     mark = _population_mark(draws, settings, plan.spec.seed)
     population = _kept_population(folder.path, mark)
     if population is None:
@@ -167,9 +164,7 @@ def _publish(
     for run, _ in used:
         outcome = outcomes[run.name]
         if run.name in asked or (outcome.outlier and OUTLIERS in asked):
-            made = run_job(plan, run)
-            run_mark = marks[run.name]
-            write_page(plan.spec.name, made, reference, outcome, run_mark, folder, crew, report)
+            write_page(campaign, run, outcome, folder, crew, report)
     for name in {*asked} - {*outcomes, OUTLIERS}:
         report.say(f"{name} has no page, as none of its draws can be used")
     reasons = known_reasons(folder.path, {name: marks[name] for name in outcomes})
@@ -179,7 +174,7 @@ def _publish(
         for name in ("reasons", "misfit")
     )
     record = concluded(plan.spec.name, mark, population, not_used, doubts, misfit, reasons)
-    pages.write(plan, job, reference, record, folder)
+    pages.write(campaign, record, folder)
     folder.write_text(RECORD, output_files.dumps_checksummed({"form": FORM, **as_data(record)}))
     folder.write_run(status="finished", files=folder.digests())
     said, why_not = pages.screen(record), (*record.unbelievable, *not_used.values())
