@@ -18,9 +18,10 @@ from bayesdrill.basics.json_records import as_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns import fits, pages
 from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
-from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_population
+from bayesdrill.campaigns.fit import PopulationFit, fit_population
 from bayesdrill.campaigns.fits import CheckedCampaign, Reference
 from bayesdrill.campaigns.pages import CampaignRecord, concluded
+from bayesdrill.campaigns.population import PopulationSettings
 from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs
 from bayesdrill.campaigns.run_pages import known_reasons, write_page
 from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan

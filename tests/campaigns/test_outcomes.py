@@ -16,6 +16,7 @@ from bayesdrill.campaigns.draws import InterimDraws
 from bayesdrill.campaigns.mixture import RunArrays, describe, run_arrays
 from bayesdrill.campaigns.population import (
     PopulationDraws,
+    PopulationSettings,
     sample_population,
 )
 
@@ -48,11 +49,7 @@ def known_population(nu: float, n_draws: int = 2000) -> PopulationDraws:
     sampled = sample_population(
         arrays(np.array([MEAN, MEAN])),
         PRODUCTS,
-        0.1,
-        BRIEF,
-        10,
-        2,
-        10,
+        PopulationSettings(targets=BRIEF, max_sweeps=10, chains=2, draws=10),
         np.random.default_rng(2),
         SILENT,
     )

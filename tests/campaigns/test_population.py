@@ -12,7 +12,7 @@ from bayesdrill.campaigns import gibbs
 from bayesdrill.campaigns.draws import InterimDraws
 from bayesdrill.campaigns.gibbs import FREEDOMS
 from bayesdrill.campaigns.mixture import describe, run_arrays
-from bayesdrill.campaigns.population import PopulationDraws, sample_population
+from bayesdrill.campaigns.population import PopulationDraws, PopulationSettings, sample_population
 from bayesdrill.sampling.convergence import Targets
 
 SCALE, WIDTH = 0.1, 0.2  # of half-t priors, and sd of the interim prior
@@ -41,7 +41,10 @@ def sampled(n_products: int, ess: float) -> PopulationDraws:
     data = run_arrays(runs, np.zeros(4, int), np.zeros((4, n_products)), nothing, np.zeros(0))
     names, rng = tuple("pq")[:n_products], np.random.default_rng(1)
     targets = Targets(r_hat=1.01, n_tau=50, ess=ess)
-    return sample_population(data, names, SCALE, targets, 30_000, 4, 10**6, rng, SILENT)
+    settings = PopulationSettings(
+        spread_scale=SCALE, targets=targets, max_sweeps=30_000, draws=10**6
+    )
+    return sample_population(data, names, settings, rng, SILENT)
 
 
 def assert_same(draws: np.ndarray, mean: float, sd: float, ess: float) -> None:
