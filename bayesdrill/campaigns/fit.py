@@ -238,18 +238,14 @@ def _trends(
     n_runs, n_products = len(draws.runs), len(draws.products)
     offset, extra_sd = np.zeros((n_runs, n_products)), np.zeros(n_products)
     columns: dict[int, Array] = {}
+    times = np.array([draws.runs[r].time for r in order], dtype=float)
     for k, history in enumerate(histories):
         if history.best == "walk":
             offset[order, k] = history.level - history.level[-1]
             extra_sd[k] = history.level_sd[-1]
-        elif history.best == "drift":
-            t = np.array([draws.runs[r].time for r in order], dtype=float)
-            columns[0] = np.zeros(n_runs)
-            columns[0][order] = (t - t[-1]) / (t[-1] - t[0])
-        elif history.best == "changes":
-            for change in history.changes:
-                columns[change.run] = np.zeros(n_runs)
-                columns[change.run][order[: change.run]] = -1.0
+        for run, (_, column) in history.terms(times).items():
+            columns[run] = np.zeros(n_runs)
+            columns[run][order] = column
     trends = np.array([columns[key] for key in sorted(columns)]).reshape(-1, n_runs).T
     return offset, trends, extra_sd
 
