@@ -17,14 +17,13 @@ from bayesdrill.basics.errors import InputError, Issue, count_noun, did_you_mean
 from bayesdrill.basics.json_records import as_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns import fits, pages
+from bayesdrill.campaigns.conclusion import CampaignRecord, concluded
 from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
 from bayesdrill.campaigns.fit import PopulationFit, fit_population
 from bayesdrill.campaigns.fits import CheckedCampaign, Reference
-from bayesdrill.campaigns.pages import CampaignRecord, concluded
 from bayesdrill.campaigns.population import PopulationSettings
 from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs
-from bayesdrill.campaigns.run_pages import known_reasons, write_page
-from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan
+from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan, describe_plan
 from bayesdrill.config.job import Job
 from bayesdrill.output_files import CAMPAIGN, DRAWS
 from bayesdrill.record.formats.table import missing_package
@@ -77,7 +76,7 @@ def run_campaign(
         digests, notes = check_runs(plan, report, problems, known)
         if len(digests) < LEAST_RUNS:
             raise _too_few(plan, len(digests), problems or [])
-        report.say(pages.describe_plan(plan, notes))
+        report.say(describe_plan(plan, notes))
         job = base_job(plan, digests)
         folder.begin(status="running", seed=plan.spec.seed, versions=software.installed_versions())
         folder.write_text("campaign.yaml", plan.source.text)
@@ -165,17 +164,17 @@ def _publish(
     for run, _ in used:
         outcome = outcomes[run.name]
         if run.name in asked or (outcome.outlier and OUTLIERS in asked):
-            write_page(campaign, run, outcome, folder, crew, report)
+            pages.write_run(campaign, run, outcome, folder, crew, report)
     for name in {*asked} - {*outcomes, OUTLIERS}:
         report.say(f"{name} has no page, as none of its draws can be used")
-    reasons = known_reasons(folder.path, {name: marks[name] for name in outcomes})
+    reasons = pages.known_reasons(folder.path, {name: marks[name] for name in outcomes})
     not_used |= {issue.place: issue.message for issue in problems}
     doubts, misfit = (
         {run.name: each for run, fitted in used if (each := getattr(fitted, name))}
         for name in ("reasons", "misfit")
     )
     record = concluded(plan.spec.name, mark, population, not_used, doubts, misfit, reasons)
-    pages.write(campaign, record, folder)
+    pages.write_campaign(campaign, record, folder)
     folder.write_text(RECORD, output_files.dumps_checksummed({"form": FORM, **as_data(record)}))
     folder.write_run(status="finished", files=folder.digests())
     said, why_not = pages.screen(record), (*record.unbelievable, *not_used.values())

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.campaigns.pages import Alarm
+from bayesdrill.campaigns.conclusion import Alarm
 from bayesdrill.campaigns.records import KnownRecords, stamp_of
 from bayesdrill.campaigns.runs import CampaignPlan, read_plan
 from bayesdrill.campaigns.study import LEAST_RUNS, kept_record, run_campaign

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import replace
 
 import numpy as np
@@ -192,5 +191,5 @@ def test_the_level_over_time_is_zero_at_the_end_and_follows_the_best_description
         "changes": [-0.1, -0.1, 0.0, 0.0],
         "walk": [-2.0, -1.0, 1.0, 0.0],
     }.items():
-        described = dataclasses.replace(history, probabilities={best: 1.0})
+        described = replace(history, probabilities={best: 1.0})
         assert np.allclose(described.level_over(t), level)
