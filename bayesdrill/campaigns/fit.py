@@ -133,7 +133,7 @@ def fit_population(
     rig = np.array([rigs.index(run.rig) for run in runs])
     noted, missing, ignored = _noted(draws)
     precision = np.full(noted.shape[1], NOTED_PRECISION)
-    mixtures = [describe(run) for run in runs]
+    mixtures = [describe(run.log_products, run.log_interim) for run in runs]
     plain = run_arrays(mixtures, rig, np.zeros((len(runs), len(products))), noted, precision)
     order = _order_of_time(draws)
     histories = _histories(draws, plain, noted, order, settings.spread_scale)

@@ -27,7 +27,7 @@ from bayesdrill.campaigns.sections import (
     run_sections,
 )
 from bayesdrill.output_files import FIGURES, PAGES
-from bayesdrill.report import publish, run_report, style
+from bayesdrill.report import run_report, style
 from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.render import as_html
 from bayesdrill.report.scales import WIDTHS
@@ -149,13 +149,7 @@ def write_run(
     sections = run_sections(outcome, reference.products, reason, causes)
     shown = MapReport(job.problem, job.config, mode)
     with tempfile.TemporaryDirectory() as name:
-        place = Path(name) / "figures"
-        place.mkdir()
-        note = {"Title": run.name, "Creator": software.creator()}
-        output = job.config.output
-        for stem, drawing in shown.figures.items():
-            looks = (shown.warning, output.formats_or_default, output.dpi)
-            publish.draw(job.problem.posterior, stem, drawing, place, note, *looks)
+        shown.draw(Path(name), run.name)
         page = shown.page(
             Path(name),
             *sections,

@@ -9,7 +9,6 @@ from scipy import special, stats
 
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.campaigns import gibbs
-from bayesdrill.campaigns.draws import InterimDraws
 from bayesdrill.campaigns.gibbs import FREEDOMS
 from bayesdrill.campaigns.mixture import describe, run_arrays
 from bayesdrill.campaigns.population import PopulationDraws, PopulationSettings, sample_population
@@ -33,10 +32,7 @@ def sampled(n_products: int, ess: float) -> PopulationDraws:
         even = stats.qmc.Sobol(n_products, rng=r).random(1024)
         z = estimate * sd**-2.0 / precision + special.ndtri(even) / np.sqrt(precision)
         log_interim = -0.5 * (z**2).sum(axis=1) / WIDTH**2
-        run = InterimDraws(
-            name=str(r), rig="a", time=None, noted={}, log_products=z, log_interim=log_interim
-        )
-        runs.append(describe(run))
+        runs.append(describe(z, log_interim))
     nothing = np.zeros((4, 0))
     data = run_arrays(runs, np.zeros(4, int), np.zeros((4, n_products)), nothing, np.zeros(0))
     names, rng = tuple("pq")[:n_products], np.random.default_rng(1)
