@@ -19,7 +19,7 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns import fits, pages
 from bayesdrill.campaigns.conclusion import CampaignRecord, concluded
 from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
-from bayesdrill.campaigns.fit import PopulationFit, fit_population
+from bayesdrill.campaigns.fit import MIN_RUNS, PopulationFit, fit_population
 from bayesdrill.campaigns.fits import CheckedCampaign, Reference
 from bayesdrill.campaigns.population import PopulationSettings
 from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs
@@ -33,7 +33,6 @@ from bayesdrill.tasks.remote import RefitExecutor
 
 REFERENCE, RECORD = "reference.json", "campaign.json"
 FORM = 1  # version of both files
-LEAST_RUNS = 3  # of a population
 OUTLIERS = "outliers"  # in the place of names of runs
 
 
@@ -74,7 +73,7 @@ def run_campaign(
     problems = None if known is None else list[Issue]()
     with Folder(output, how, _marks(plan), CAMPAIGN) as folder:
         digests, notes = check_runs(plan, report, problems, known)
-        if len(digests) < LEAST_RUNS:
+        if len(digests) < MIN_RUNS:
             raise _too_few(plan, len(digests), problems or [])
         report.say(describe_plan(plan, notes))
         job = base_job(plan, digests)
@@ -94,7 +93,7 @@ def run_campaign(
 
 
 def _too_few(plan: CampaignPlan, count: int, reasons: list[Issue]) -> InputError:
-    few = f"{count_noun(count, 'run is', 'runs are')} too few; a population needs {LEAST_RUNS}"
+    few = f"{count_noun(count, 'run is', 'runs are')} too few; a population needs {MIN_RUNS}"
     return InputError([plan.source.issue(("runs",), few), *reasons])
 
 
@@ -151,7 +150,7 @@ def _publish(
     not_used = {
         run.name: (*fitted.reasons, fits.BEYOND)[0] for run, fitted in kept if not fitted.usable
     }
-    if len(runs) < LEAST_RUNS:
+    if len(runs) < MIN_RUNS:
         raise _too_few(plan, len(runs), [*itertools.starmap(Issue, not_used.items()), *problems])
     draws = CampaignDraws(products=campaign.reference.products, runs=runs)
     settings = PopulationSettings(nominal=_nominal(campaign.job, campaign.reference))
