@@ -117,6 +117,15 @@ class MapReport:
             PAGE: as_markdown(self.config.name, self.sections),
         }
 
+    def draw(self, folder: Path, title: str, **marks: str) -> None:
+        """Draw all figures of the page in `folder`; title and marks are metadata of their files."""
+        place, output = folder / output_files.FIGURES, self.config.output
+        place.mkdir(exist_ok=True)
+        note = {"Title": title, "Creator": software.creator(), **marks}
+        look = (self.warning, output.formats_or_default, output.dpi)
+        for stem, drawing in self.figures.items():
+            publish.draw(self.problem.posterior, stem, drawing, place, note, *look)
+
     def page(
         self,
         folder: Path,
@@ -141,15 +150,6 @@ class MapReport:
         figures = folder / output_files.FIGURES
         name = config.name if title is None else title
         return as_html(name, "maximum", every, figures, self.problem.symbols, parent)
-
-    def draw(self, folder: Path, title: str, **marks: str) -> None:
-        """Draw all figures of the page in `folder`; title and marks are metadata of their files."""
-        place, output = folder / output_files.FIGURES, self.config.output
-        place.mkdir(exist_ok=True)
-        note = {"Title": title, "Creator": software.creator(), **marks}
-        look = (self.warning, output.formats_or_default, output.dpi)
-        for stem, drawing in self.figures.items():
-            publish.draw(self.problem.posterior, stem, drawing, place, note, *look)
 
     @cached_property
     def figures(self) -> Mapping[str, Drawing]:
