@@ -16,8 +16,8 @@ from bayesdrill.report import scales, style
 from bayesdrill.report.pages import build_page, label_outside, legend_above
 from bayesdrill.report.style import Axes, Figure
 
-MOST_LINKED = 500  # runs of which the points of a page are links
-MOST_SHOWN = 2000  # runs; outliers are always shown
+MOST_LINKED = 500  # most points of a page that are links
+MOST_SHOWN = 2000  # most runs that a chart shows; outliers are always shown
 BAR = style.fix_look(color=style.MIDDLE, linewidth=0.6, zorder=2)
 DOT = style.fix_look(color=style.BLACK, marker="o", markersize=2.2, linestyle="none")
 FOREIGN = style.fix_look(

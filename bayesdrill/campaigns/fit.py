@@ -27,7 +27,7 @@ from bayesdrill.sampling.convergence import Convergence
 
 MIN_RUNS = 3  # fewer runs say next to nothing about their spread
 MIN_TIMED_RUNS = 8  # fewer runs show no history
-MAX_ERROR = 0.05  # of the mixture of a run, in probability, beyond which it is not believed
+MAX_ERROR = 0.05  # largest error of a run's mixture, in probability, that is believed
 NOTED_PRECISION = 0.1  # prior precision of a coefficient of a noted column, over that of the runs
 ALARM = 0.05  # a constant level that is less probable than this raises an alarm
 

@@ -37,10 +37,10 @@ from bayesdrill.tasks.ladder import search
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
 FORM = 1  # version of the files of draws
-SEARCHES = 3  # of a run: from the reference, and from two draws of the prior
-WALKERS = 64  # of each ensemble, at most; as many draws as wanted need no more
-MOST_ATTEMPTS = 3  # of a run that cannot be sampled, or does not converge, each with another seed
-BATCH = 200  # runs whose records are in memory at the same time
+SEARCHES = 3  # searches of a run: one from the reference, the others from draws of the prior
+WALKERS = 64  # most walkers of an ensemble; the wanted draws need no more
+MOST_ATTEMPTS = 3  # most times a run is sampled, each with another seed, until it converges
+BATCH = 200  # number of runs whose records are in memory at the same time
 INTERIM = "log_interim"
 BEYOND = "its draws are beyond the priors"
 
@@ -255,12 +255,12 @@ def draws_marks(digests: Mapping[str, str], reference: Reference) -> dict[str, s
 
 
 def path_of(folder: Path, name: str) -> Path:
-    """Return the path of the draws of a run, whose name may be none that a file can have."""
+    """Return the path of a run's draws; a number stands for the name, which may be no file name."""
     return folder / DRAWS / f"{number_of(name)}.parquet"
 
 
 def number_of(name: str) -> int:
-    """Return the number in the names of a run's files."""
+    """Return the number that stands for a run in the names of its files, a digest of its name."""
     return int.from_bytes(hashlib.sha256(name.encode("utf-8", "replace")).digest()[:7])
 
 
@@ -281,7 +281,7 @@ def write_draws(
 
 
 def write_parquet(path: Path, table: Any) -> None:
-    """Write a table of pyarrow at once."""
+    """Write a pyarrow table as Parquet; the file is never seen half-written."""
     from pyarrow import BufferOutputStream, parquet
 
     sink = BufferOutputStream()

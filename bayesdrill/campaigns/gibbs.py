@@ -18,13 +18,13 @@ import scipy
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.campaigns.mixture import RunArrays
 
-HALF_T_FREEDOM = 2.0  # of the sds; with two, correlations are uniform between -1 and 1
+HALF_T_FREEDOM = 2.0  # degrees of freedom of the prior of sds; two make correlations uniform
 FREEDOMS = np.geomspace(2.0, 200.0, 14)  # values of nu; with 200 the tails are normal
 BATCH = 1 << 19  # numbers in memory at a time
 RIG_UPDATES = 8  # updates of the spread of rigs in a sweep, since few rigs leave it to its prior
-PRECISION_NODES = 24  # of the quadrature over the precision of a run
+PRECISION_NODES = 24  # nodes of the quadrature over the precision of a run
 CUT_MASS = 1e-9  # mass of that precision beyond each end of the quadrature
-LEAST_STEP, MOST_STEP = 0.05, 2.0  # of logarithms of spreads, whatever is known of them
+LEAST_STEP, MOST_STEP = 0.05, 2.0  # bounds of a Metropolis step in the logarithm of a spread
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

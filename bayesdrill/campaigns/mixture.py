@@ -24,12 +24,12 @@ from bayesdrill.sampling.samplers.independence import (
 )
 
 MAX_COMPONENTS = 6
-ITERATIONS = 200  # of expectation maximisation, at most
+ITERATIONS = 200  # most iterations of expectation maximisation
 TOLERANCE = 1e-4  # gain of the mean log density at which it stops
 INDEPENDENT = 0.5  # share of the kept draws that counts in the BIC, since they are autocorrelated
-CRITICAL = 1.63  # of a Kolmogorov-Smirnov test, over 1 / sqrt(draws), at a level of 1 %
+CRITICAL = 1.63  # critical value of a Kolmogorov-Smirnov test at 1 %, times sqrt(draws)
 VARIANCE_FLOOR = 1e-6  # share of the variance of all draws that is added to that of a component
-LEAST_SD = 1e-9  # of a log product, so that very few draws have a covariance
+LEAST_SD = 1e-9  # least sd of a log product, so that very few draws have a covariance
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ from bayesdrill.campaigns.mixture import RunArrays
 from bayesdrill.sampling.convergence import Convergence, Targets, assess, chain_length
 
 CENTRAL = float(scipy.special.ndtr(1.0))  # the quantile at one standard deviation
-FIRST_CHECK = 800  # sweeps
+FIRST_CHECK = 800  # sweeps before the first check of convergence
 NO_SPREAD = 1e-3  # chains need not agree on logarithms of spreads far below this
 MOST_STATES = 2000  # states of a chain that are kept; of more, every other one is dropped
 

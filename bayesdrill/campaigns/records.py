@@ -159,7 +159,7 @@ def digest_of(plan: CampaignPlan, job: Job) -> str:
 
 
 def _exchanged_units(spreads: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
-    """Yield which channels of which runs look as if their unit was another one than in the others."""
+    """Yield the channels and runs whose unit seems to differ from that of the other runs."""
     for channel in dict.fromkeys(name for each in spreads.values() for name in each):
         sds = {run: x for run, each in spreads.items() if (x := each.get(channel, 0.0)) > 0.0}
         middle = float(np.median([*sds.values()])) if sds else 1.0

@@ -141,7 +141,7 @@ def _mistaken_entries(source: Source, spec: CampaignSpec, names: Sequence[str]) 
 
 
 def _listed(source: Source, spec: CampaignSpec, issues: list[Issue]) -> Listed:
-    """Return all runs, those that are left out, too."""
+    """Return all runs, including those that are left out."""
     folder, runs = source.path.parent, spec.runs
     if isinstance(runs, list):
         for k, run in enumerate(runs):
@@ -321,7 +321,7 @@ def _repeated(runs: Sequence[CampaignRun]) -> Iterable[Issue]:
 
 
 def _notes(spec: CampaignSpec, runs: Sequence[CampaignRun]) -> Iterable[str]:
-    """Yield sentences on what is allowed, but should be known."""
+    """Yield sentences about entries that are allowed but unusual."""
     if spec.leave_out:
         yield f"left out by name: {', '.join(spec.leave_out)}"
     for name in spec.noted:

@@ -33,7 +33,7 @@ from bayesdrill.tasks.remote import RefitExecutor
 
 REFERENCE, RECORD = "reference.json", "campaign.json"
 FORM = 1  # version of both files
-OUTLIERS = "outliers"  # in the place of names of runs
+OUTLIERS = "outliers"  # stands for all outliers in `--page`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +62,7 @@ def run_campaign(
 
     Pages are made of the runs that are `asked` for; `OUTLIERS` stands for those that do not belong.
 
-    What is known of records is kept in `known`, with which bad records are left out instead of raised.
+    `known` keeps what was read of records. If it is given, bad records are left out without an error.
     """
     _need_parquet(plan)
     names = [run.name for run in plan.runs]
@@ -132,7 +132,7 @@ def _publish(
     crew: RefitExecutor,
     report: Reporter,
 ) -> CampaignOutcome:
-    """Sample the population of what is fitted, and write all tables and pages."""
+    """Sample the population of the fitted runs, and write all tables and pages."""
     plan, marks = campaign.plan, campaign.marks
     kept = list(fits.kept_draws(campaign, folder.path))
     used = [(run, fitted) for run, fitted in kept if fitted.usable]

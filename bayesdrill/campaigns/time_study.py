@@ -33,7 +33,7 @@ PRIOR = {"constant": 0.7, "drift": 0.1, "changes": 0.1, "walk": 0.1}
 PRIOR_OF_ANOTHER = 0.1  # prior probability of a change beside those before
 ANOTHER_PROBABILITY = 0.9  # posterior probability with which a further change is accepted
 MAX_CHANGES = 10
-HALF_T_FREEDOM = 2.0  # of the prior of s, as of the population's sds
+HALF_T_FREEDOM = 2.0  # degrees of freedom of the prior of s, as for the population's sds
 SMALLEST_SPREAD = 1e-5  # s is not resolved below this, so that sums keep their digits
 REGRESSOR_SD = 10.0  # prior sd of coefficients of regressors
 MIN_SPREADS, MAX_SPREADS = 12, 40  # values of s on its grid, whose steps follow its uncertainty
@@ -42,8 +42,8 @@ NEIGHBOURS = 4  # runs before, and after; a run that is far from both medians ma
 MAD_FACTOR = 2.0  # sd of normal runs over the median of their distances from the nearer neighbours
 FOREIGN = 0.03  # prior probability that a run is foreign
 FOREIGN_SD = 0.2  # prior sd of a foreign run about the level, in logs
-SUBSETS_OF = 3  # of so many farthest runs all subsets may be foreign, beyond them the k farthest
-MOST_FOREIGN = 0.3  # share of runs
+SUBSETS_OF = 3  # any of this many farthest runs may be foreign; of more, only the k farthest
+MOST_FOREIGN = 0.3  # largest share of runs that may be foreign
 NEGLIGIBLE = (
     1e-2  # probability, over that of the likeliest, of a set of foreign runs that is dropped
 )
@@ -290,7 +290,11 @@ def _moments(series: _Series) -> tuple[Array, Array, Array]:
 
 
 def _find_changes(series: _Series, log_constant: float) -> tuple[float, list[int], list[float]]:
-    """Add changes while another is probable: log evidence of one or more, runs and probabilities."""
+    """Add changes while another is probable.
+
+    Returns the log evidence of one or more changes, the runs before which they are, and their
+    probabilities.
+    """
     runs: list[int] = []
     probabilities: list[float] = []
     log_changes, log_base = -np.inf, log_constant

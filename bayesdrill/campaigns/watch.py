@@ -60,7 +60,7 @@ def watch(
 
 
 def _listing(plan: CampaignPlan) -> frozenset[str]:
-    """Return the names of all files of a glob; no other campaign needs them."""
+    """Return the names of all files of a glob; empty if the runs are listed in another way."""
     runs = plan.spec.runs
     if not isinstance(runs, str) or not glob.has_magic(runs):
         return frozenset()

@@ -15,7 +15,7 @@ from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PresentKnowledge:
-    """It has `draws (W, D)` for a design, `checked (C, D)` for its limits, and a precision.
+    """Present knowledge is `draws (W, D)` for a design, `checked (C, D)` for limits, and a precision.
 
     `precision (m, m)` belongs to the unknowns of the simulator on their natural scales.  `source`
     says in words where it comes from.  Without `gaussian` it approximates the priors.

@@ -14,11 +14,11 @@ from bayesdrill.basics.duals import Dual
 from bayesdrill.design.limits import RigLimit, excess
 from bayesdrill.design.responses import ComingExperiment
 
-KEPT_SHARE = 0.99  # of the draws have to keep every limit
-TOLERANCE = 1e-6  # of a limit, over the size of what it limits
-HALVINGS = 8  # of the way to a waveform that keeps the limits
+KEPT_SHARE = 0.99  # share of the draws that have to keep every limit
+TOLERANCE = 1e-6  # relative amount by which a limited quantity may exceed its limit
+HALVINGS = 8  # bisections of the way to a waveform that keeps the limits
 FINEST = 8000  # most samples at which limits are checked, unless the record has more
-CHANGED = 0.01  # of a limited quantity, between which two rates are fine enough
+CHANGED = 0.01  # relative change of a limited quantity below which a rate is fine enough
 SEARCH_TIMES = 250  # times at which limits are kept in a search, at least; all count at its end
 
 

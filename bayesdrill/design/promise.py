@@ -17,9 +17,9 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.sampling.samplers.elliptical_slices import elliptical_slices
 
-CHAINS = 1024  # for all draws together, of which each has its share
-WARM_STEPS, KEPT_STEPS = 40, 60  # of each chain
-SIMULATED = 256  # samples for all draws together that are moved to the ridge
+CHAINS = 1024  # number of chains, divided among the draws
+WARM_STEPS, KEPT_STEPS = 40, 60  # steps of each chain
+SIMULATED = 256  # samples that are moved to the ridge, divided among the draws
 
 
 def promise(

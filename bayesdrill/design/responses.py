@@ -27,7 +27,7 @@ from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.record.experiment import Experiment, channels_first, frozen, with_states
 from bayesdrill.rig.simulators.contract import Simulator
 
-MAX_BYTES = 6e8  # of the slopes of all pulses that are kept before they are reduced
+MAX_BYTES = 6e8  # memory of the slopes of all pulses before they are reduced
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -34,11 +34,11 @@ from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
-FIRST_STARTS = 4  # of the first fit of a rival to each draw; later fits begin at the last one
-FIT_STEPS = 25  # of Gauss and Newton
-ROUNDS = 2  # of fits and searches, as the rival's best fit depends on the waveform
-LEAST_INFORMATION = 1e-6  # on a difference, so that equal signals have a criterion too
-LEAST_LOG_ODDS = 1.0  # that a design has, or else it tells nothing
+FIRST_STARTS = 4  # starts of the first fit of a rival to each draw; later fits begin at its result
+FIT_STEPS = 25  # steps of Gauss-Newton
+ROUNDS = 2  # fits with a search each, as the rival's best fit depends on the waveform
+LEAST_INFORMATION = 1e-6  # on a difference; keeps the criterion of equal signals finite
+LEAST_LOG_ODDS = 1.0  # a design with less does not tell the models apart
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,12 +22,12 @@ from bayesdrill.design.responses import (
 )
 from bayesdrill.design.waveforms import FAMILIES
 
-PENALTIES = (1e1, 1e3, 1e5)  # weights of squared excesses, in turn
-MAX_ITERATIONS = 120  # of each search with one weight
-COARSE_DRAWS = 2  # of which the criterion is averaged in the searches from all starts
-POLISHED = 2  # best ends of these, from which all draws are searched for
-RANDOM_STARTS = 6  # beside the best waveforms of the usual families
-SWEEPS = 2  # of the exchange through all levels
+PENALTIES = (1e1, 1e3, 1e5)  # increasing weights of squared excesses of the limits
+MAX_ITERATIONS = 120  # iterations of each search with one weight
+COARSE_DRAWS = 2  # draws over which searches from all starts average the criterion
+POLISHED = 2  # number of best results from which a search with all draws begins
+RANDOM_STARTS = 6  # random starts, in addition to the best waveforms of the usual families
+SWEEPS = 2  # passes of the exchange through all levels
 EXCHANGED = 5  # levels that are tried in each hold interval
 CONSTANTS = 13  # constant levels among which a waveform that keeps the limits is sought
 

@@ -11,9 +11,9 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import Issue
 from bayesdrill.record.experiment import raise_if_any, times
 
-MAX_LEVELS = 200  # of a waveform: the memory of its information grows with their square
+MAX_LEVELS = 200  # levels of a waveform; memory grows with the square of their number
 LEAST_MOTION = 0.05  # share of its range through which a source can go within the experiment
-MAX_SAMPLES = 20_000  # of a coming record, whose sensitivities to each level are kept
+MAX_SAMPLES = 20_000  # samples of a coming record; sensitivities to each level are kept in memory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

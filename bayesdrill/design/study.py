@@ -34,7 +34,7 @@ from bayesdrill.design.waveforms import FREE
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.record.experiment import Experiment
 
-RECORDED, REPEATED, DESIGNED = "as recorded", "repeated", "designed"  # beside names of families
+RECORDED, REPEATED, DESIGNED = "as recorded", "repeated", "designed"  # besides the families
 NOTHING: Mapping[str, float] = MappingProxyType({})
 BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 

@@ -24,7 +24,7 @@ STEP_TOLERANCE = 1e-3  # relative deviation of a time step from the median one
 class Channel:
     """A channel is a measured linear combination of states; `unit` is SI, `latex` without dollars.
 
-    Its `column` in the file has a unit that can be displayed, if known; one of it is `factor` SI units.
+    `column` is the unit of its column in the file, if known; `factor` is in SI units per such unit.
     """
 
     name: str
@@ -184,7 +184,7 @@ def with_states(
 def channels_first(experiment: Experiment, states: Sequence[str], shown: Array) -> Array:
     """Return what perfect sensors show of states, then the states `shown (..., X)`.
 
-    One kernel of states alone serves any channels in this way.
+    In this way one kernel of the states serves any channels.
     """
     with np.errstate(all="ignore"):  # a state may overflow
         channels = shown @ experiment.weights(tuple(states)).T
@@ -216,7 +216,7 @@ def check_series(
     """Check that numbers are present, of a computable size, and vary where they have to.
 
     NaN is allowed if `missing`; measured channels have to be `varying`. Fourth powers must stay finite.
-    Messages begin with `what` and may end with another way out, `instead`.
+    Messages begin with `what`, and may end with an alternative, `instead`.
     """
     bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
     beyond = np.flatnonzero(np.abs(values) > MAX_VALUE)

@@ -37,7 +37,7 @@ class CsvOptions:
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """A dialect is how cells are separated (None: by runs of white space) and numbers are written."""
+    """A dialect says how cells are separated (None: by white space) and numbers are written."""
 
     separator: str | None
     decimal: str
