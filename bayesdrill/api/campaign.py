@@ -13,7 +13,7 @@ from bayesdrill.api import arguments
 from bayesdrill.api.arguments import ManyFits
 from bayesdrill.basics.equality import Value
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.campaigns.runs import CampaignPlan, read_plan
+from bayesdrill.campaigns.runs import CampaignPlan, describe_plan, read_plan
 
 if TYPE_CHECKING:
     from bayesdrill.campaigns.study import CampaignOutcome
@@ -69,7 +69,6 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
         campaign shaft: 12 runs...
         """
         from bayesdrill.campaigns import records
-        from bayesdrill.campaigns.pages import describe_plan
 
         notes = records.check_runs(self.plan, report or SILENT)[1]
         return f"{describe_plan(self.plan, notes)}\nThe campaign has no mistakes and can run."

@@ -2,7 +2,7 @@
 
 `runs` lists the runs, `records` checks all records, and `fits` fits each run and keeps its draws.
 `study` does all of it.  `watch` repeats that as new files come, and `simulation` makes campaigns.
-`charts` and `pages` show the result, and `run_pages` a single run.
+`conclusion` says what needs a look, `charts` and `sections` show it, and `pages` writes the files.
 
 `draws` holds what is known of each run, and `interim_prior` the density under which it was sampled.
 `population` samples the population by reweighting these draws.  `time_study` looks for drift and

@@ -11,7 +11,6 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, product_latex
 from bayesdrill.campaigns.fit import PopulationFit
 from bayesdrill.campaigns.runs import CampaignPlan
-from bayesdrill.campaigns.time_study import LevelHistory
 from bayesdrill.config.schema.campaign import SECONDS
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import build_page, label_outside, legend_above
@@ -34,19 +33,6 @@ class Point:
     panel: Axes
     x: float
     y: float
-
-
-def level_over_time(history: LevelHistory, t: Array) -> Array:
-    """Return the level of a log product at the runs `(R,)` in order of time, minus that at the end."""
-    if history.best == "drift":
-        return np.asarray(history.drift * (t - t[-1]) / (t[-1] - t[0]))
-    if history.best == "walk":
-        return np.asarray(history.level - history.level[-1])
-    level = np.zeros(len(t))
-    if history.best == "changes":
-        for change in history.changes:
-            level[: change.run] -= change.size
-    return level
 
 
 def runs_figure(
@@ -114,7 +100,7 @@ def _panel(panel: Axes, population: PopulationFit, k: int, x: Array) -> Array:
     order, level = np.argsort(x, kind="stable"), np.zeros(len(x))
     if population.charts:
         order = np.array([place[name] for name in population.timed])
-        level = level_over_time(population.charts[k].history, x[order])
+        level = population.charts[k].history.level_over(x[order])
     ahead = known.next_run
     for low, high, look in (
         (ahead.low_90, ahead.high_90, style.FAINT_BAND),

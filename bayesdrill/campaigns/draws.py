@@ -17,9 +17,9 @@ from bayesdrill.basics.arrays import Array, Indices
 MAX_DRAWS = 1000  # draws of a run that are used; more cost time and hardly change its weights
 
 
-def evenly_spaced(count: int, most: int = MAX_DRAWS) -> Indices:
-    """Return at most `most` indices of `count` draws, from the first to the last."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
+def evenly_spaced(count: int) -> Indices:
+    """Return at most `MAX_DRAWS` indices of `count` draws, from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(count, MAX_DRAWS)).astype(np.intp))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,11 +40,6 @@ class InterimDraws:
     noted: Mapping[str, float]
     log_products: Array
     log_interim: Array
-
-    def thinned(self, most: int = MAX_DRAWS) -> tuple[Array, Array]:
-        """Return at most `most` evenly spaced draws, and their log interim densities."""
-        kept = evenly_spaced(len(self.log_interim), most)
-        return self.log_products[kept], self.log_interim[kept]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

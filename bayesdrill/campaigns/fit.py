@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,35 +21,15 @@ from bayesdrill.campaigns.outcomes import (
     rig_levels,
     run_outcomes,
 )
-from bayesdrill.campaigns.population import sample_population, sds_of
+from bayesdrill.campaigns.population import PopulationSettings, sample_population, sds_of
 from bayesdrill.campaigns.time_study import LevelHistory, level_history
-from bayesdrill.sampling.convergence import Convergence, Targets
+from bayesdrill.sampling.convergence import Convergence
 
 MIN_RUNS = 3  # fewer runs say next to nothing about their spread
 MIN_TIMED_RUNS = 8  # fewer runs show no history
 MAX_ERROR = 0.05  # largest error of a run's mixture, in probability, that is believed
 NOTED_PRECISION = 0.1  # prior precision of a coefficient of a noted column, over that of the runs
 ALARM = 0.05  # a constant level that is less probable than this raises an alarm
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PopulationSettings:
-    """A population is fitted with these settings.
-
-    spread_scale: scale of the half-t prior (two degrees of freedom) of all spreads, in logs
-    nominal: nominal values of products by name, none if they are not to be compared
-    targets: targets at which the sampler stops
-    max_sweeps: most sweeps of each chain
-    chains: number of chains
-    draws: most draws of the population that outcomes use
-    """
-
-    spread_scale: float = 0.1
-    nominal: Mapping[str, float] = field(default_factory=dict)
-    targets: Targets = field(default_factory=lambda: Targets(r_hat=1.01, n_tau=50.0, ess=400.0))
-    max_sweeps: int = 20_000
-    chains: int = 4
-    draws: int = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,7 +133,7 @@ def fit_population(
     rig = np.array([rigs.index(run.rig) for run in runs])
     noted, missing, ignored = _noted(draws)
     precision = np.full(noted.shape[1], NOTED_PRECISION)
-    mixtures = [describe(run) for run in runs]
+    mixtures = [describe(run.log_products, run.log_interim) for run in runs]
     plain = run_arrays(mixtures, rig, np.zeros((len(runs), len(products))), noted, precision)
     order = _order_of_time(draws)
     histories = _histories(draws, plain, noted, order, settings.spread_scale)
@@ -161,17 +141,7 @@ def fit_population(
     design = np.column_stack([noted, trends])
     precision = np.append(precision, np.zeros(trends.shape[1]))
     data = run_arrays(mixtures, rig, offset, design, precision)
-    sampled = sample_population(
-        data,
-        products,
-        settings.spread_scale,
-        settings.targets,
-        settings.max_sweeps,
-        settings.chains,
-        settings.draws,
-        rng,
-        report,
-    )
+    sampled = sample_population(data, products, settings, rng, report)
     shift = extra_sd * rng.standard_normal(sampled.mean.shape)
     end = replace(sampled, mean=sampled.mean + shift, levels=sampled.levels + shift[:, None])
     ahead = np.column_stack([np.nan_to_num(noted), np.zeros_like(trends)])
@@ -268,18 +238,14 @@ def _trends(
     n_runs, n_products = len(draws.runs), len(draws.products)
     offset, extra_sd = np.zeros((n_runs, n_products)), np.zeros(n_products)
     columns: dict[int, Array] = {}
+    times = np.array([draws.runs[r].time for r in order], dtype=float)
     for k, history in enumerate(histories):
         if history.best == "walk":
             offset[order, k] = history.level - history.level[-1]
             extra_sd[k] = history.level_sd[-1]
-        elif history.best == "drift":
-            t = np.array([draws.runs[r].time for r in order], dtype=float)
-            columns[0] = np.zeros(n_runs)
-            columns[0][order] = (t - t[-1]) / (t[-1] - t[0])
-        elif history.best == "changes":
-            for change in history.changes:
-                columns[change.run] = np.zeros(n_runs)
-                columns[change.run][order[: change.run]] = -1.0
+        for run, (_, column) in history.terms(times).items():
+            columns[run] = np.zeros(n_runs)
+            columns[run][order] = column
     trends = np.array([columns[key] for key in sorted(columns)]).reshape(-1, n_runs).T
     return offset, trends, extra_sd
 

@@ -60,6 +60,20 @@ class Reference:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CheckedCampaign:
+    """The records of a campaign are checked, and the maximum of its base config is known.
+
+    job: the job of the base config
+    marks: for each run whose record is good, a digest of all that decides its draws
+    """
+
+    plan: CampaignPlan
+    job: Job
+    reference: Reference
+    marks: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FittedRun:
     """A fitted run has draws, as `InterimDraws` has them, and reasons not to believe them.
 
@@ -186,18 +200,13 @@ class _Stage(Silent):
 
 
 def fit_runs(
-    plan: CampaignPlan,
-    job: Job,
-    reference: Reference,
-    marks: Mapping[str, str],
-    folder: Path,
-    crew: RefitExecutor,
-    report: Reporter,
+    campaign: CheckedCampaign, folder: Path, crew: RefitExecutor, report: Reporter
 ) -> None:
-    """Fit those runs of `marks` of which `folder` has no draws, and write each as soon as it is done.
+    """Fit the good runs of which `folder` has no draws, and write each as soon as it is done.
 
     The draws of a run depend on its record, its name and the reference alone.
     """
+    plan, reference, marks = campaign.plan, campaign.reference, campaign.marks
     runs = [run for run in plan.runs if run.name in marks]
     attempts = dict[str, int]()  # of those that are to be sampled
     for run in runs:
@@ -223,7 +232,7 @@ def fit_runs(
 
     stage = _Stage(report, lambda: max(done - first, 0.001) / len(missing))
     for batch in batched(missing, BATCH):
-        made = ((run, run_job(plan, run, job.case)) for run in batch)
+        made = ((run, run_job(plan, run, campaign.job.case)) for run in batch)
         jobs = {
             run.name: (
                 packed(
@@ -304,11 +313,10 @@ def read_draws(folder: Path, name: str, mark: str) -> FittedRun | None:
         return None
 
 
-def kept_draws(
-    plan: CampaignPlan, marks: Mapping[str, str], folder: Path
-) -> Iterator[tuple[CampaignRun, FittedRun]]:
-    """Yield all runs that are fitted, with the draws of these marks."""
-    for run in plan.runs:
-        fitted = read_draws(folder, run.name, marks[run.name]) if run.name in marks else None
+def kept_draws(campaign: CheckedCampaign, folder: Path) -> Iterator[tuple[CampaignRun, FittedRun]]:
+    """Yield all runs that are fitted, with their draws."""
+    for run in campaign.plan.runs:
+        mark = campaign.marks.get(run.name)
+        fitted = None if mark is None else read_draws(folder, run.name, mark)
         if fitted is not None:
             yield run, fitted

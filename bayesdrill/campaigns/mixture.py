@@ -15,7 +15,6 @@ import numpy as np
 import scipy
 
 from bayesdrill.basics.arrays import Array, Indices
-from bayesdrill.campaigns.draws import InterimDraws
 from bayesdrill.sampling.samplers.independence import (
     Mixture,
     effective_count,
@@ -50,9 +49,8 @@ class RunMixture:
     error: float
 
 
-def describe(run: InterimDraws) -> RunMixture:
-    """Return the mixture that describes a run."""
-    draws, log_interim = run.thinned()
+def describe(draws: Array, log_interim: Array) -> RunMixture:
+    """Return the mixture that describes a run with these draws; see `InterimDraws`."""
     weights = normalised(-log_interim)
     mean = weights @ draws
     centred = draws - mean

@@ -13,7 +13,8 @@ Chains of Gibbs sampling (see `gibbs.py`) run until they pass the checks of all 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -28,6 +29,26 @@ CENTRAL = float(scipy.special.ndtr(1.0))  # the quantile at one standard deviati
 FIRST_CHECK = 800  # sweeps before the first check of convergence
 NO_SPREAD = 1e-3  # chains need not agree on logarithms of spreads far below this
 MOST_STATES = 2000  # states of a chain that are kept; of more, every other one is dropped
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PopulationSettings:
+    """A population is fitted with these settings.
+
+    spread_scale: scale of the half-t prior (two degrees of freedom) of all spreads, in logs
+    nominal: nominal values of products by name, none if they are not to be compared
+    targets: targets at which the sampler stops
+    max_sweeps: most sweeps of each chain
+    chains: number of chains
+    draws: most draws of the population that outcomes use
+    """
+
+    spread_scale: float = 0.1
+    nominal: Mapping[str, float] = field(default_factory=dict)
+    targets: Targets = field(default_factory=lambda: Targets(r_hat=1.01, n_tau=50.0, ess=400.0))
+    max_sweeps: int = 20_000
+    chains: int = 4
+    draws: int = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,26 +90,20 @@ def sds_of(covariance: Array) -> Array:
 def sample_population(
     data: RunArrays,
     products: tuple[str, ...],
-    spread_scale: float,
-    targets: Targets,
-    max_sweeps: int,
-    n_chains: int,
-    most_draws: int,
+    settings: PopulationSettings,
     rng: np.random.Generator,
     report: Reporter,
 ) -> PopulationDraws:
-    """Sample the population until `targets` are met, and return at most `most_draws`, evenly spaced.
-
-    Half-t priors of sds have the `spread_scale`.
-    """
-    streams = rng.spawn(n_chains)
+    """Sample the population until its targets are met, and return evenly spaced draws."""
+    targets, spread_scale = settings.targets, settings.spread_scale
+    streams = rng.spawn(settings.chains)
     states = [start(data, spread_scale, stream) for stream in streams]
     traces: list[list[Array]] = [[] for _ in states]
     kept: list[list[GibbsState]] = [[] for _ in states]
     stride, wanted, names = 1, FIRST_CHECK, _trace_names(data, products)
     report.update(0.0, "sampling the population")
     while True:
-        wanted = min(wanted, max_sweeps)
+        wanted = min(wanted, settings.max_sweeps)
         for step in range(len(traces[0]), wanted):
             for k, stream in enumerate(streams):
                 traces[k].append(_trace(data, states[k]))
@@ -101,12 +116,12 @@ def sample_population(
         theta = np.array(traces)[:, :, None, :]
         length = chain_length(theta)
         checked = assess(theta, names, targets, measured=length)
-        if checked.converged or wanted >= max_sweeps:
+        if checked.converged or wanted >= settings.max_sweeps:
             break
         wanted = max(length.next_check(wanted, targets.n_tau), int(1.25 * wanted))
     report.update(1.0, "")
     first, end = -(-checked.burn_in // stride), len(kept[0])
-    count = min(end - first, most_draws // n_chains)
+    count = min(end - first, settings.draws // settings.chains)
     chosen = np.unique(np.linspace(first, end - 1, count).astype(np.intp))
     sample = [chain[i] for chain in kept for i in chosen]
     return _population_draws(data, sample, checked, rng)

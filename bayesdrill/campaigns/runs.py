@@ -101,6 +101,19 @@ def read_plan(path: Path) -> CampaignPlan:
     return CampaignPlan(spec=spec, source=source, base=base, runs=tuple(runs), notes=notes)
 
 
+def describe_plan(plan: CampaignPlan, notes: Sequence[str]) -> str:
+    """Return what would run, and what is unusual about it, a line each."""
+    spec, runs = plan.spec, plan.runs
+    rigs = {run.rig for run in runs}
+    many = f" of {len(rigs)} rigs" if len(rigs) > 1 else ""
+    lines = [f"campaign {spec.name}: {len(runs)} runs{many}, each by {plan.base.path}"]
+    times = [run.time for run in runs if run.time is not None]
+    span = f"over {max(times, default=0.0) / SECONDS[spec.time_unit]:.6g} {spec.time_unit}"
+    lines.append(f"times: {span}" if times else "times: none, so no drift is sought")
+    lines.append(f"noted: {', '.join(spec.noted) or 'nothing'}")
+    return "\n".join([*lines, *(f"note: {note}" for note in notes)])
+
+
 def natural_key(name: str) -> tuple[Any, ...]:
     """Return a key by which run_9 comes before run_10."""
     return tuple((int(part), "") if part.isdecimal() else (-1, part) for part in _PARTS.split(name))

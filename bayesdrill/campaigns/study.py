@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,13 +17,13 @@ from bayesdrill.basics.errors import InputError, Issue, count_noun, did_you_mean
 from bayesdrill.basics.json_records import as_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns import fits, pages
+from bayesdrill.campaigns.conclusion import CampaignRecord, concluded
 from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
-from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_population
-from bayesdrill.campaigns.fits import Reference
-from bayesdrill.campaigns.pages import CampaignRecord, concluded
-from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs, run_job
-from bayesdrill.campaigns.run_pages import known_reasons, write_page
-from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan
+from bayesdrill.campaigns.fit import MIN_RUNS, PopulationFit, fit_population
+from bayesdrill.campaigns.fits import CheckedCampaign, Reference
+from bayesdrill.campaigns.population import PopulationSettings
+from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs
+from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan, describe_plan
 from bayesdrill.config.job import Job
 from bayesdrill.output_files import CAMPAIGN, DRAWS
 from bayesdrill.record.formats.table import missing_package
@@ -33,7 +33,6 @@ from bayesdrill.tasks.remote import RefitExecutor
 
 REFERENCE, RECORD = "reference.json", "campaign.json"
 FORM = 1  # version of both files
-LEAST_RUNS = 3  # fewer runs make no population
 OUTLIERS = "outliers"  # stands for all outliers in `--page`
 
 
@@ -74,9 +73,9 @@ def run_campaign(
     problems = None if known is None else list[Issue]()
     with Folder(output, how, _marks(plan), CAMPAIGN) as folder:
         digests, notes = check_runs(plan, report, problems, known)
-        if len(digests) < LEAST_RUNS:
+        if len(digests) < MIN_RUNS:
             raise _too_few(plan, len(digests), problems or [])
-        report.say(pages.describe_plan(plan, notes))
+        report.say(describe_plan(plan, notes))
         job = base_job(plan, digests)
         folder.begin(status="running", seed=plan.spec.seed, versions=software.installed_versions())
         folder.write_text("campaign.yaml", plan.source.text)
@@ -88,14 +87,13 @@ def run_campaign(
         with interruptions(folder, progress, (InputError,)):
             reference = _reference(job, folder, crew, report)
             marks = fits.draws_marks(digests, reference)
-            fits.fit_runs(plan, job, reference, marks, output, crew, report)
-            return _publish(
-                plan, job, reference, marks, folder, problems or [], asked, crew, report
-            )
+            campaign = CheckedCampaign(plan=plan, job=job, reference=reference, marks=marks)
+            fits.fit_runs(campaign, output, crew, report)
+            return _publish(campaign, folder, problems or [], asked, crew, report)
 
 
 def _too_few(plan: CampaignPlan, count: int, reasons: list[Issue]) -> InputError:
-    few = f"{count_noun(count, 'run is', 'runs are')} too few; a population needs {LEAST_RUNS}"
+    few = f"{count_noun(count, 'run is', 'runs are')} too few; a population needs {MIN_RUNS}"
     return InputError([plan.source.issue(("runs",), few), *reasons])
 
 
@@ -127,10 +125,7 @@ def _reference(job: Job, folder: Folder, crew: RefitExecutor, report: Reporter) 
 
 
 def _publish(
-    plan: CampaignPlan,
-    job: Job,
-    reference: Reference,
-    marks: Mapping[str, str],
+    campaign: CheckedCampaign,
     folder: Folder,
     problems: list[Issue],
     asked: Sequence[str],
@@ -138,7 +133,8 @@ def _publish(
     report: Reporter,
 ) -> CampaignOutcome:
     """Sample the population of the fitted runs, and write all tables and pages."""
-    kept = list(fits.kept_draws(plan, marks, folder.path))
+    plan, marks = campaign.plan, campaign.marks
+    kept = list(fits.kept_draws(campaign, folder.path))
     used = [(run, fitted) for run, fitted in kept if fitted.usable]
     runs = tuple(
         InterimDraws(
@@ -154,10 +150,10 @@ def _publish(
     not_used = {
         run.name: (*fitted.reasons, fits.BEYOND)[0] for run, fitted in kept if not fitted.usable
     }
-    if len(runs) < LEAST_RUNS:
+    if len(runs) < MIN_RUNS:
         raise _too_few(plan, len(runs), [*itertools.starmap(Issue, not_used.items()), *problems])
-    draws = CampaignDraws(products=reference.products, runs=runs)
-    settings = PopulationSettings(nominal=_nominal(job, reference))
+    draws = CampaignDraws(products=campaign.reference.products, runs=runs)
+    settings = PopulationSettings(nominal=_nominal(campaign.job, campaign.reference))
     mark = _population_mark(draws, settings, plan.spec.seed)
     population = _kept_population(folder.path, mark)
     if population is None:
@@ -167,19 +163,17 @@ def _publish(
     for run, _ in used:
         outcome = outcomes[run.name]
         if run.name in asked or (outcome.outlier and OUTLIERS in asked):
-            made = run_job(plan, run)
-            run_mark = marks[run.name]
-            write_page(plan.spec.name, made, reference, outcome, run_mark, folder, crew, report)
+            pages.write_run(campaign, run, outcome, folder, crew, report)
     for name in {*asked} - {*outcomes, OUTLIERS}:
         report.say(f"{name} has no page, as none of its draws can be used")
-    reasons = known_reasons(folder.path, {name: marks[name] for name in outcomes})
+    reasons = pages.known_reasons(folder.path, {name: marks[name] for name in outcomes})
     not_used |= {issue.place: issue.message for issue in problems}
     doubts, misfit = (
         {run.name: each for run, fitted in used if (each := getattr(fitted, name))}
         for name in ("reasons", "misfit")
     )
     record = concluded(plan.spec.name, mark, population, not_used, doubts, misfit, reasons)
-    pages.write(plan, job, reference, record, folder)
+    pages.write_campaign(campaign, record, folder)
     folder.write_text(RECORD, output_files.dumps_checksummed({"form": FORM, **as_data(record)}))
     folder.write_run(status="finished", files=folder.digests())
     said, why_not = pages.screen(record), (*record.unbelievable, *not_used.values())

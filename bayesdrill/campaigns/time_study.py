@@ -97,6 +97,32 @@ class LevelHistory:
         """Return the most probable description."""
         return max(self.probabilities, key=lambda name: self.probabilities[name])
 
+    def terms(self, t: Array) -> dict[int, tuple[float, Array]]:
+        """Return size and column `(R,)` of a drift (key 0) or of each change (by its first run).
+
+        The times `t (R,)` are in order.  Only the most probable description has terms.
+        """
+        if self.best == "drift":
+            return {0: (self.drift, ramp(t))}
+        changes = self.changes if self.best == "changes" else ()
+        return {change.run: (change.size, step(change.run, len(t))) for change in changes}
+
+    def level_over(self, t: Array) -> Array:
+        """Return the level at the runs with times `t (R,)` in order, less that at the end."""
+        if self.best == "walk":
+            return np.asarray(self.level - self.level[-1])
+        return sum((size * column for size, column in self.terms(t).values()), np.zeros(len(t)))
+
+
+def ramp(t: Array) -> Array:
+    """Return the time since the last run, over the length of the campaign: from -1 to 0."""
+    return np.asarray((t - t[-1]) / (t[-1] - t[0]))
+
+
+def step(run: int, count: int) -> Array:
+    """Return the column of a change before one of `count` runs: -1 before it, and 0 from it on."""
+    return np.asarray(np.where(np.arange(count) < run, -1.0, 0.0))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Series:
@@ -117,15 +143,6 @@ class _Series:
         """Return the series with another regressor, a drift or a change."""
         h = np.column_stack([self.h, column])
         return replace(self, h=h, prior_sd=np.append(self.prior_sd, SIZE))
-
-    @property
-    def ramp(self) -> Array:
-        """Return the time since the last run, over the length of the campaign: from -1 to 0."""
-        return np.asarray((self.t - self.t[-1]) / (self.t[-1] - self.t[0]))
-
-    def step(self, run: int) -> Array:
-        """Return the column of a change before a run: -1 before it, and 0 from it on."""
-        return np.asarray(np.where(np.arange(len(self.t)) < run, -1.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,7 +177,7 @@ def level_history(
     series = _series(t, y, variance, regressors, spread_scale)
     constant = _fit(series.y, series.h, series.variance, series.prior_sd).log_evidence
     log_constant = _log_sum(constant + series.log_prior)
-    ramped = series.with_column(series.ramp)
+    ramped = series.with_column(ramp(t))
     drift = _fit(ramped.y, ramped.h, ramped.variance, ramped.prior_sd)
     log_changes, runs, last_probability = _find_changes(series, log_constant)
     walk = _walk(series)
@@ -210,7 +227,7 @@ def _series(t: Array, y: Array, c: Array, h: Array, spread_scale: float) -> _Ser
         variance = s[:, None] ** 2 + c + FOREIGN_SD**2 * foreign
         log_prior = log_mass + foreign.sum() * np.log(FOREIGN / (1.0 - FOREIGN))
         grid = _Series(t=t, y=y, h=h, prior_sd=prior_sd, variance=variance, log_prior=log_prior)
-        ramped = grid.with_column(grid.ramp)
+        ramped = grid.with_column(ramp(t))
         drift = _fit(y, ramped.h, variance, ramped.prior_sd).log_evidence
         constant = _fit(y, h, variance, prior_sd).log_evidence
         grids.append(grid)
@@ -293,7 +310,7 @@ def _find_changes(series: _Series, log_constant: float) -> tuple[float, list[int
         )
         probabilities.append(probability if runs else 1.0)
         runs.append(int(np.argmax(np.logaddexp.reduce(log_p, axis=0))) + 1)
-        series = series.with_column(series.step(runs[-1]))
+        series = series.with_column(step(runs[-1], len(series.t)))
         log_base = _log_sum(
             _fit(series.y, series.h, series.variance, series.prior_sd).log_evidence
             + series.log_prior
@@ -304,7 +321,7 @@ def _find_changes(series: _Series, log_constant: float) -> tuple[float, list[int
 def _change(series: _Series, runs: list[int], k: int, probability: float) -> LevelChange:
     """Describe a change by the posterior of its moment and size, given the moments of the others."""
     for other in runs[:k] + runs[k + 1 :]:
-        series = series.with_column(series.step(other))
+        series = series.with_column(step(other, len(series.t)))
     log_p, size, variance = _moments(series)
     weights = _normalised(log_p)
     moments = np.cumsum(weights.sum(axis=0))
@@ -338,20 +355,20 @@ def _walk(series: _Series) -> _Walk:
     log_prior = _log_normalised(np.log(scales) - 0.5 * (scales / SIZE) ** 2)  # half-normal
     shape = (len(series.variance), WALKS)
     log_prior = (series.log_prior[:, None] + log_prior).ravel()
-    step = np.diff(series.ramp, append=0.0)[:, None] * np.tile(scales**2, shape[0])
+    steps = np.diff(ramp(series.t), append=0.0)[:, None] * np.tile(scales**2, shape[0])
     variance = np.repeat(series.variance, WALKS, axis=0).T
-    innovations, total, _, _ = _filter(np.column_stack([series.y, series.h]), variance, step, 0.0)
+    innovations, total, _, _ = _filter(np.column_stack([series.y, series.h]), variance, steps, 0.0)
     columns = np.moveaxis(innovations, 0, 1)
     fit = _fit(columns[..., 0], columns[..., 1:], total.T, series.prior_sd)
     weights = _normalised(fit.log_evidence + log_prior)
     effect = series.h @ (weights @ fit.mean)
     y = series.y - effect + effect.mean()
-    _, _, mean, spread = _filter(y[:, None], variance, step, REGRESSOR_SD**2)
+    _, _, mean, spread = _filter(y[:, None], variance, steps, REGRESSOR_SD**2)
     mean = mean[..., 0]
     for i in range(len(y) - 2, -1, -1):  # Rauch, Tung and Striebel (1965)
-        gain = spread[i] / (spread[i] + step[i])
+        gain = spread[i] / (spread[i] + steps[i])
         mean[i] += gain * (mean[i + 1] - mean[i])
-        spread[i] += gain**2 * (spread[i + 1] - spread[i] - step[i])
+        spread[i] += gain**2 * (spread[i + 1] - spread[i] - steps[i])
     level = mean @ weights
     variance = (spread + (mean - level[:, None]) ** 2) @ weights
     return _Walk(

@@ -11,10 +11,11 @@ from pathlib import Path
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.campaigns.pages import Alarm
+from bayesdrill.campaigns.conclusion import Alarm
+from bayesdrill.campaigns.fit import MIN_RUNS
 from bayesdrill.campaigns.records import KnownRecords, stamp_of
 from bayesdrill.campaigns.runs import CampaignPlan, read_plan
-from bayesdrill.campaigns.study import LEAST_RUNS, kept_record, run_campaign
+from bayesdrill.campaigns.study import kept_record, run_campaign
 from bayesdrill.output_files import RUN, refuse_unwritable
 from bayesdrill.results.run_folder import WriteMode
 from bayesdrill.tasks.remote import RefitExecutor
@@ -36,7 +37,7 @@ def watch(
         plan = read_plan(path)
         _wait_until_written(plan, known)
         listing = _listing(plan)
-        if len(plan.runs) >= LEAST_RUNS:
+        if len(plan.runs) >= MIN_RUNS:
             how: WriteMode = "resume" if (output / RUN).exists() else "fresh"
             alarms = tuple[Alarm, ...]()
             try:

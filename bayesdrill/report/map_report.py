@@ -9,6 +9,7 @@ from pathlib import Path
 
 from bayesdrill import output_files
 from bayesdrill.analysis.delay_confounding import delays_and_time_constants
+from bayesdrill.basics import software
 from bayesdrill.basics.arrays import Array
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
@@ -16,7 +17,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualCorrelation, ResidualSummary
 from bayesdrill.inference.step_error import step_errors
 from bayesdrill.output_files import numbered
-from bayesdrill.report import section, words
+from bayesdrill.report import publish, section, words
 from bayesdrill.report.doubts import (
     map_notes,
     misfit,
@@ -115,6 +116,15 @@ class MapReport:
             **prediction_csv(self.problem, self.best),
             PAGE: as_markdown(self.config.name, self.sections),
         }
+
+    def draw(self, folder: Path, title: str, **marks: str) -> None:
+        """Draw all figures of the page in `folder`; title and marks are metadata of their files."""
+        place, output = folder / output_files.FIGURES, self.config.output
+        place.mkdir(exist_ok=True)
+        note = {"Title": title, "Creator": software.creator(), **marks}
+        look = (self.warning, output.formats_or_default, output.dpi)
+        for stem, drawing in self.figures.items():
+            publish.draw(self.problem.posterior, stem, drawing, place, note, *look)
 
     def page(
         self,

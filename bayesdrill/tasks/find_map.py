@@ -9,7 +9,6 @@ import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.analysis.causes import Cause
-from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.json_records import as_data
 from bayesdrill.basics.progress import Reporter
@@ -19,7 +18,6 @@ from bayesdrill.config.job import Job, prepare
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.output_files import MAP
-from bayesdrill.report import publish
 from bayesdrill.report.doubts import residual_reasons, residual_sentences
 from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.sections.convergence import describe_searches
@@ -59,13 +57,7 @@ def save(job: Job, mode: Mode, output: Path, record: str | None, *, force: bool)
         write_mode(folder, mode)
         for name, text in said.texts.items():
             folder.write_text(name, text)
-        place = output / output_files.FIGURES
-        place.mkdir(exist_ok=True)
-        marks = provenance.marks(job.config, job.problem)
-        note = {"Title": job.config.name, "Creator": software.creator(), **marks}
-        look = (said.warning, job.config.output.formats_or_default, job.config.output.dpi)
-        for stem, figure in said.figures.items():
-            publish.draw(job.problem.posterior, stem, figure, place, note, *look)
+        said.draw(output, job.config.name, **provenance.marks(job.config, job.problem))
         folder.write_text("report.html", said.page(output))
         folder.write_run(
             status="finished",

@@ -11,8 +11,9 @@ from scipy import stats
 from support.simulated_campaigns import BRIEF, SimulatedRuns
 
 from bayesdrill.basics.progress import SILENT
-from bayesdrill.campaigns.fit import PopulationSettings, fit_population
+from bayesdrill.campaigns.fit import fit_population
 from bayesdrill.campaigns.outcomes import Estimate
+from bayesdrill.campaigns.population import PopulationSettings
 
 pytestmark = pytest.mark.slow
 RUNS = 12

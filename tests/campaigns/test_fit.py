@@ -12,7 +12,8 @@ from support.simulated_campaigns import BRIEF, SimulatedRuns, interim_posterior,
 from bayesdrill.basics.json_records import as_data, from_data
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.campaigns.draws import CampaignDraws
-from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_population
+from bayesdrill.campaigns.fit import PopulationFit, fit_population
+from bayesdrill.campaigns.population import PopulationSettings
 
 RUNS, SPREAD = 40, np.array([0.04, 0.02])
 SETTINGS = PopulationSettings(targets=BRIEF)

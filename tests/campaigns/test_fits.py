@@ -12,7 +12,7 @@ from support.command_line import assert_refused, cli
 from bayesdrill.basics.errors import Issue
 from bayesdrill.basics.progress import SILENT, Silent
 from bayesdrill.campaigns import fits, records
-from bayesdrill.campaigns.fits import FittedRun, Reference
+from bayesdrill.campaigns.fits import CheckedCampaign, FittedRun, Reference
 from bayesdrill.campaigns.runs import CampaignPlan, read_plan
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.fit import FitPlan
@@ -113,12 +113,13 @@ def test_a_failed_run_is_sampled_again_with_another_seed_until_it_has_been_tried
     digests, _ = records.check_runs(plan, SILENT)
     job = records.base_job(plan, digests)
     marks = fits.draws_marks(digests, REFERENCE)
+    campaign = CheckedCampaign(plan=plan, job=job, reference=REFERENCE, marks=marks)
 
     def sample() -> int:
         before = len(seeds)
         with ThreadPoolExecutor(1) as pool:
             crew = RefitExecutor(pool)
-            fits.fit_runs(plan, job, REFERENCE, marks, tmp_path, crew, Saying())
+            fits.fit_runs(campaign, tmp_path, crew, Saying())
         return len(seeds) - before
 
     assert sample() == 6
@@ -127,7 +128,7 @@ def test_a_failed_run_is_sampled_again_with_another_seed_until_it_has_been_tried
     failing.discard("run_2")
     assert [sample(), sample()] == [2, 0]
     assert len({*seeds}) == len(seeds) == 10
-    kept = {run.name: fitted for run, fitted in fits.kept_draws(plan, marks, tmp_path)}
+    kept = {run.name: fitted for run, fitted in fits.kept_draws(campaign, tmp_path)}
     assert (kept["run_1"].attempt, kept["run_1"].usable) == (3, False)
     assert (kept["run_2"].attempt, kept["run_2"].reasons) == (3, ())
 

@@ -7,16 +7,11 @@ import pytest
 from scipy import stats
 from support.simulated_campaigns import interim_posterior
 
-from bayesdrill.campaigns.draws import InterimDraws
 from bayesdrill.campaigns.mixture import RunMixture, describe
 
 
 def described(z: np.ndarray, log_interim: np.ndarray | None = None) -> RunMixture:
-    zeros = np.zeros(len(z)) if log_interim is None else log_interim
-    run = InterimDraws(
-        name="run", rig="rig", time=None, noted={}, log_products=z, log_interim=zeros
-    )
-    return describe(run)
+    return describe(z, np.zeros(len(z)) if log_interim is None else log_interim)
 
 
 def density(mixture: RunMixture, z: np.ndarray) -> np.ndarray:

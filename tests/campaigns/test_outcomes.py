@@ -12,10 +12,10 @@ from support.simulated_campaigns import BRIEF
 
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.campaigns import outcomes
-from bayesdrill.campaigns.draws import InterimDraws
 from bayesdrill.campaigns.mixture import RunArrays, describe, run_arrays
 from bayesdrill.campaigns.population import (
     PopulationDraws,
+    PopulationSettings,
     sample_population,
 )
 
@@ -30,14 +30,11 @@ def arrays(estimates: np.ndarray, sd: float = 0.01, width: float = 0.05) -> RunA
     rng = np.random.default_rng(1)
     precision = sd**-2.0 + width**-2.0
     runs = []
-    for k, y in enumerate(estimates):
+    for y in estimates:
         centre = (y * sd**-2.0 + MEAN * width**-2.0) / precision
         z = centre + rng.standard_normal((1000, 2)) / np.sqrt(precision)
         log_interim = -0.5 * ((z - MEAN) ** 2).sum(axis=1) / width**2
-        run = InterimDraws(
-            name=f"run {k}", rig="rig", time=None, noted={}, log_products=z, log_interim=log_interim
-        )
-        runs.append(describe(run))
+        runs.append(describe(z, log_interim))
     none, zeros = np.zeros((len(runs), 0)), np.zeros((len(runs), 2))
     return run_arrays(runs, np.zeros(len(runs), int), zeros, none, np.zeros(0))
 
@@ -48,11 +45,7 @@ def known_population(nu: float, n_draws: int = 2000) -> PopulationDraws:
     sampled = sample_population(
         arrays(np.array([MEAN, MEAN])),
         PRODUCTS,
-        0.1,
-        BRIEF,
-        10,
-        2,
-        10,
+        PopulationSettings(targets=BRIEF, max_sweeps=10, chains=2, draws=10),
         np.random.default_rng(2),
         SILENT,
     )

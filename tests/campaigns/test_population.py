@@ -9,10 +9,9 @@ from scipy import special, stats
 
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.campaigns import gibbs
-from bayesdrill.campaigns.draws import InterimDraws
 from bayesdrill.campaigns.gibbs import FREEDOMS
 from bayesdrill.campaigns.mixture import describe, run_arrays
-from bayesdrill.campaigns.population import PopulationDraws, sample_population
+from bayesdrill.campaigns.population import PopulationDraws, PopulationSettings, sample_population
 from bayesdrill.sampling.convergence import Targets
 
 SCALE, WIDTH = 0.1, 0.2  # of half-t priors, and sd of the interim prior
@@ -33,15 +32,15 @@ def sampled(n_products: int, ess: float) -> PopulationDraws:
         even = stats.qmc.Sobol(n_products, rng=r).random(1024)
         z = estimate * sd**-2.0 / precision + special.ndtri(even) / np.sqrt(precision)
         log_interim = -0.5 * (z**2).sum(axis=1) / WIDTH**2
-        run = InterimDraws(
-            name=str(r), rig="a", time=None, noted={}, log_products=z, log_interim=log_interim
-        )
-        runs.append(describe(run))
+        runs.append(describe(z, log_interim))
     nothing = np.zeros((4, 0))
     data = run_arrays(runs, np.zeros(4, int), np.zeros((4, n_products)), nothing, np.zeros(0))
     names, rng = tuple("pq")[:n_products], np.random.default_rng(1)
     targets = Targets(r_hat=1.01, n_tau=50, ess=ess)
-    return sample_population(data, names, SCALE, targets, 30_000, 4, 10**6, rng, SILENT)
+    settings = PopulationSettings(
+        spread_scale=SCALE, targets=targets, max_sweeps=30_000, draws=10**6
+    )
+    return sample_population(data, names, settings, rng, SILENT)
 
 
 def assert_same(draws: np.ndarray, mean: float, sd: float, ess: float) -> None:

@@ -46,7 +46,7 @@ def test_evidence_of_constant_drift_and_changes_is_that_of_dense_covariances() -
     series, size = small_series(), time_study.SIZE
     fit = time_study._fit(series.y, series.h, series.variance, series.prior_sd)
     assert fit.log_evidence[0] == pytest.approx(dense_log_evidence(series, np.zeros((11, 11))))
-    ramped = series.with_column(series.ramp)
+    ramped = series.with_column(time_study.ramp(series.t))
     fit = time_study._fit(ramped.y, ramped.h, ramped.variance, ramped.prior_sd)
     column = (series.t - series.t[-1]) / (series.t[-1] - series.t[0])
     dense = dense_log_evidence(series, size**2 * np.outer(column, column))
@@ -163,3 +163,27 @@ def test_runs_that_differ_less_than_records_know_have_a_constant_level() -> None
     assert sum(flat.probabilities.values()) == pytest.approx(1.0)
     same = level_history(np.arange(12.0), np.zeros(12), np.zeros(12), np.ones((12, 1)), 0.1)
     assert same.best == "constant"
+
+
+def test_the_level_over_time_is_zero_at_the_end_and_follows_the_best_description() -> None:
+    t = np.array([0.0, 1.0, 3.0, 4.0])
+    change = time_study.LevelChange(
+        run=2, first=1, last=3, time=3.0, size=0.1, size_sd=0.01, probability=0.9
+    )
+    history = LevelHistory(
+        probabilities={"constant": 1.0},
+        drift=0.2,
+        drift_sd=0.01,
+        changes=(change,),
+        walk_sd=0.1,
+        level=np.array([1.0, 2.0, 4.0, 3.0]),
+        level_sd=np.zeros(4),
+    )
+    for best, level in {
+        "constant": [0.0, 0.0, 0.0, 0.0],
+        "drift": [-0.2, -0.15, -0.05, 0.0],
+        "changes": [-0.1, -0.1, 0.0, 0.0],
+        "walk": [-2.0, -1.0, 1.0, 0.0],
+    }.items():
+        described = replace(history, probabilities={best: 1.0})
+        assert np.allclose(described.level_over(t), level)

@@ -12,7 +12,7 @@ from support import campaigns
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.campaigns import watch
-from bayesdrill.campaigns.pages import Alarm
+from bayesdrill.campaigns.conclusion import Alarm
 from bayesdrill.tasks.remote import RefitExecutor
 
 

@@ -5,7 +5,7 @@ from typing import Any, cast
 
 import pytest
 
-from bayesdrill.campaigns.run_pages import likely_reason
+from bayesdrill.campaigns.sections import likely_reason
 
 EXPLAINED = SimpleNamespace(best=SimpleNamespace(about="a gear of 7:1"))
 

@@ -1,0 +1,180 @@
+"""Build the sections of a campaign and of its runs: words, tables and pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayesdrill.analysis.causes import Causes
+from bayesdrill.campaigns.conclusion import MOST_NAMED, CampaignRecord, percent, with_sd
+from bayesdrill.campaigns.fit import PopulationFit
+from bayesdrill.campaigns.outcomes import Estimate, ProductPopulation, RunOutcome
+from bayesdrill.report.section import (
+    Badge,
+    Badges,
+    Link,
+    Note,
+    Picture,
+    Section,
+    Table,
+    Tone,
+    build,
+    mappings_as_csv,
+    table_of,
+)
+from bayesdrill.report.sections import causes as causes_section
+
+
+def level_cells(head: str, sd_head: str, mean: float, sd: float) -> dict[str, str]:
+    """Return cells with a level and its standard deviation, both of which are logarithms."""
+    return {head: f"{np.exp(mean):.4g}", sd_head: f"{100 * sd:.2g} %"}
+
+
+def _following(ahead: Estimate) -> dict[str, str]:
+    """Return a cell with the 90 % interval of the next run."""
+    return {"next run, 90 %": f"{np.exp(ahead.low_90):.4g} to {np.exp(ahead.high_90):.4g}"}
+
+
+def products_table(population: PopulationFit) -> Table:
+    """Return the table of products: their population, the next run, and the nominal value."""
+
+    def cells(p: ProductPopulation) -> dict[str, str]:
+        table = p.table
+        says = "" if table is None else "agrees" if table.agrees else "disagrees"
+        return {
+            "": p.product,
+            **level_cells("centre", "+-", p.centre.mean, p.centre.sd),
+            "runs differ by": f"{100 * p.spread.mean:.2g} %",
+            "rigs differ by": "" if p.rig_spread is None else f"{100 * p.rig_spread.mean:.2g} %",
+            **_following(p.next_run),
+            "nominal": "" if table is None else f"{np.exp(table.nominal):.4g}",
+            "nominal is off": "" if table is None else percent(-table.offset.mean),
+            "verdict": says,
+        }
+
+    return table_of(map(cells, population.populations), "", "verdict").filled()
+
+
+def noted_table(population: PopulationFit) -> Table | None:
+    """Return the table of noted columns, with the share of the spread that each explains."""
+    lines = [
+        {
+            "column": effect.column,
+            "product": effect.product,
+            "for one sd of it": with_sd(effect.slope.mean, effect.slope.sd),
+            "explains": f"{100 * effect.share.mean:.0f} %",
+        }
+        for effect in sorted(population.noted, key=lambda effect: -effect.share.mean)
+    ]
+    return table_of(lines, "column", "product") if lines else None
+
+
+def rigs_table(population: PopulationFit) -> Table | None:
+    """Return the table of rigs: the level of each, and its next run."""
+    lines = [
+        {"rig": rig.rig, "product": rig.product}
+        | level_cells("level", "+-", rig.level.mean, rig.level.sd)
+        | _following(rig.next_run)
+        for rig in population.rigs
+    ]
+    return table_of(lines, "rig", "product") if lines else None
+
+
+TABLE_EXPLAINED = (
+    "All in SI. `centre` is the level of the rig at the end of the campaign, at average noted numbers. "
+    "`runs differ by` is half the width of the central 68 % of runs. The next run lies in its interval "
+    "with a probability of 90 %. A nominal value agrees if more than 5 % of runs are as far off."
+)
+CHART = (
+    "Each run by itself (bars: one standard deviation) and shrunk towards the others (dots), relative "
+    "to the centre; grey: where the next run lies with 50 and 90 %."
+)
+
+
+def campaign_sections(
+    record: CampaignRecord, ending: str = "png", links: tuple[Link, ...] = ()
+) -> tuple[Section, ...]:
+    """Build the sections of a campaign, the verdict first; `links` are the points of its figure."""
+    population, doubts, steady = record.population, record.unbelievable, not record.alarms
+    tone: Tone = "bad" if doubts else "good" if steady else "doubt"
+    badge = "not to be believed" if doubts else "steady" if steady else "needs a look"
+    warning = "\n".join(["DO NOT BELIEVE this population:", *(f"  {x}" for x in doubts)])
+    held = population.leave_one_out
+    coverage = (
+        f"left out one by one, {100 * held.within_50:.0f} % of runs lie in the 50 % intervals of all "
+        f"others, and {100 * held.within_90:.0f} % in the 90 % intervals"
+    )
+    foreign = [alarm.sentence for alarm in record.outliers]
+    bad = [f"{name}: {reason}" for name, reason in record.not_used.items()]
+    weak = [f"{name}: {reasons[0]}" for name, reasons in record.doubts.items()]
+    badges, verdict = Badges((Badge(badge, tone),)), f"{record.verdict}."
+    sections = (
+        build("Verdict", badges, verdict, warning if doubts else None),
+        build("Over time", "\n".join(record.history), Picture("runs", CHART, ending, links)),
+        build("Products", products_table(population), Note(TABLE_EXPLAINED), coverage),
+        build("Runs that do not belong", _lines(foreign[:MOST_NAMED]), brief=bool(foreign)),
+        build("Noted", noted_table(population), brief=False),
+        build("Rigs", rigs_table(population), brief=False),
+        build("Runs that are not used", _lines(bad), brief=bool(bad)),
+        build("Runs whose fit is doubtful", _lines(weak), brief=False),
+    )
+    return tuple(section for section in sections if section.blocks)
+
+
+def _lines(sentences: list[str]) -> str:
+    return "\n".join(sentences) or "none"
+
+
+def population_csv(population: PopulationFit) -> str:
+    """Return CSV with a line for each product: all digits, in logs of SI."""
+    histories = {chart.product: chart.history for chart in population.charts}
+    lines = list[dict[str, object]]()
+    for p in population.populations:
+        ahead, history, table = p.next_run, histories.get(p.product), p.table
+        lines.append(
+            {
+                "product": p.product,
+                "centre": p.centre.mean,
+                "centre_sd": p.centre.sd,
+                "spread": p.spread.mean,
+                "rig_spread": p.rig_spread and p.rig_spread.mean,
+                "next_low_90": ahead.low_90,
+                "next_low_50": ahead.low_50,
+                "next_high_50": ahead.high_50,
+                "next_high_90": ahead.high_90,
+                "nominal": table and table.nominal,
+                "agrees": table and table.agrees,
+                "history": history and history.best,
+                "probability": history and history.probabilities[history.best],
+            }
+        )
+    return mappings_as_csv(lines)
+
+
+def run_sections(
+    outcome: RunOutcome, products: tuple[str, ...], reason: str, causes: Causes | None
+) -> tuple[Section, ...]:
+    """Build the sections of a run's page: its place in the campaign, and what explains a misfit."""
+    numbers = (outcome.alone, outcome.alone_sd, outcome.shrunk, outcome.shrunk_sd)
+    lines = (
+        {"": product}
+        | level_cells("alone", "+-", alone, alone_sd)
+        | level_cells("in the population", "+- there", shrunk, shrunk_sd)
+        for product, alone, alone_sd, shrunk, shrunk_sd in zip(products, *numbers, strict=True)
+    )
+    said = f"It is {outcome.sds:.3g} sds from the other runs in {outcome.worst}."
+    said += f"\nIts likely reason: {reason}." if reason else ""
+    sections = (
+        build("In the campaign", said, table_of(lines, "")),
+        build("What would explain the misfit", *causes_section.candidates(causes)),
+    )
+    return tuple(section for section in sections if section.blocks)
+
+
+def likely_reason(outcome: RunOutcome, causes: Causes | None) -> str:
+    """Return why a run does not belong or does not fit, in words; an empty text if it does both."""
+    if causes is None:
+        alone = "its record fits by itself, so the rig or its state was another"
+        return alone if outcome.outlier else ""
+    if causes.best is None:
+        return "nothing that was tried explains its record"
+    return f"its record is explained by {causes.best.about}"
