@@ -9,8 +9,9 @@ import pytest
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.errors import InputError
-from bayesdrill.output_files import POSTERIOR
-from bayesdrill.results.run_folder import Folder, read_chain
+from bayesdrill.output_files import POSTERIOR, dumps_checksummed
+from bayesdrill.results.run_folder import Folder, dump_record, load_record, read_chain
+from bayesdrill.sampling.mode_search import Search
 from bayesdrill.sampling.samplers.ensemble import ChainSegment, State
 
 
@@ -105,3 +106,30 @@ def test_pieces_after_a_gap_wait_until_it_is_filled(folder: Folder, piece: Chain
     assert len(folder.segments(0)) == 1
     folder.save(0, 40, piece)
     assert len(folder.segments(0)) == 3
+
+
+def test_a_record_is_read_as_it_was_written_and_that_of_another_form_refused(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "search.json"
+    search = Search(
+        start={"k_s": 0.1}, end={"k_s": 0.2}, log_posterior=-1 / 3, evaluations=9, settled=True
+    )
+    path.write_text(dump_record(search, 2, run="a run"))
+    read, entries = load_record(path, Search, 2)
+    assert (read, entries["run"], entries["form"]) == (search, "a run", 2)
+    fields = {name: value for name, value in entries.items() if name != "form"}
+    for text, reason in (
+        (
+            path.read_text().replace("0.2", "0.3"),
+            "is damaged; delete it and continue with --resume",
+        ),
+        (
+            dumps_checksummed({**fields, "end": []}),
+            "was written by another version of bayesdrill; ",
+        ),
+        (dumps_checksummed({**entries, "end": []}), "is damaged; delete it"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError, match=f"search.json: {reason}"):
+            load_record(path, Search, 2)

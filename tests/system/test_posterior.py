@@ -4,13 +4,16 @@ import itertools
 from pathlib import Path
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 import xarray
-from support import command_line
+from emcee.backends import HDFBackend
+from support import command_line, finished_runs
 from support.finished_runs import FIGURES, FILES, FinishedRun
 
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
+from bayesdrill.results.run_folder import seal
 from bayesdrill.sampling.proposal import learning
 from bayesdrill.tasks import pipeline
 
@@ -132,3 +135,53 @@ def test_python_without_docstrings_is_refused(
     assert result.err.splitlines() == [
         "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
     ]
+
+
+def test_the_chain_is_an_emcee_backend(converged: FinishedRun) -> None:
+    for k in range(4):
+        path = str(converged.folder / "chain.h5")
+        backend = HDFBackend(path, name=f"ensemble_{k}", read_only=True)
+        assert backend.get_chain().shape == (converged.json["steps"], 8, 2)
+        assert backend.get_log_prob().shape == backend.get_chain().shape[:2]
+        assert np.all(np.isfinite(backend.get_log_prob()))
+        assert np.all(backend.accepted > 0)
+
+
+def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """The end is named with the way out; a file of an older version is removed by the report."""
+    ends = ("k_e: {prior: uniform, low: 0.5", "k_e: {prior: uniform, low: 1.0")
+    run = finished_runs.run(tmp_path_factory, ends)
+    assert run.result.status == 0, run.result.text
+    words = "Cannot judge: k_e. The prior of k_e ends at 0.06016; widen it."
+    assert words in run.result.out
+    verdict = run.json["verdict"]
+    assert verdict["ends"] == {"k_e": 0.06016}
+    assert verdict["quantities"]["k_e"]["says"] == "cannot judge"
+    (run.folder / "opened.npz").write_text("of an older version")
+    report = command_line.cli("report", run.folder, "--processes", "1")
+    assert report.status == 0, report.text
+    assert words in report.out
+    assert not (run.folder / "opened.npz").exists()
+
+
+def test_a_stuck_walker_keeps_a_run_from_being_believed(copy: FinishedRun) -> None:
+    """The last log density of a walker of each ensemble is raised, so that it accepts no proposal.
+
+    R-hat, autocorrelation times and effective draws are content with the chain that goes on.
+    """
+    with h5py.File(copy.folder / "chain.h5", "r+") as file:
+        for k in range(4):
+            last = file[f"ensemble_{k}"]["chain"][-1]
+            middle = np.argmin(np.abs(last / np.median(last, axis=0) - 1).max(axis=1))
+            file[f"ensemble_{k}"]["log_prob"][-1, middle] += 1e6
+            seal(file[f"ensemble_{k}"])
+    command_line.replace_text(copy.config, "ess: 100, max_steps: 500", "ess: 8000, max_steps: 1200")
+    result = command_line.posterior(copy.config, copy.folder, "--resume")
+    assert result.status == 3, result.text
+    assert "4 of 32 walkers (1 in ensemble 0, 1 in ensemble 1" in result.out
+    assert "stuck: the longest did not move for" in result.out
+    assert copy.json["steps"] == 1200
+    assert len(copy.json["reasons"]) == 1
+    assert "stuck" in (copy.folder / "summary.md").read_text()
