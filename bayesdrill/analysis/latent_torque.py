@@ -185,16 +185,11 @@ def _nonlinear_error(
     assert observation.torque is not None  # the caller estimates it
     if response.model.smooth:
         return np.full(len(experiment.channels), np.nan)
-    input_torque = (
-        torque if experiment.first_order else 0.5 * (torque + np.append(torque[1:], torque[-1]))
-    )
-    loaded = simulator(
-        LoadedModel(response.model, observation.torque.kalman_filter.torque),
-        dataclasses.replace(experiment, series={**experiment.series, TORQUE: input_torque}),
-        response.sensing,
-        *(response.stepping or ()),
-    )
-    signals = loaded.signals(observation.simulator_parameters(full))[0]
+    held = torque if experiment.first_order else 0.5 * (torque + np.append(torque[1:], torque[-1]))
+    loaded = LoadedModel(response.model, observation.torque.kalman_filter.torque)
+    record = dataclasses.replace(experiment, series={**experiment.series, TORQUE: held})
+    pushed = simulator(loaded, record, response.sensing, *(response.stepping or ()))
+    signals = pushed.signals(observation.simulator_parameters(full))[0]
     errors = (signals - linear) / observation.scales(theta)[0]
     return np.sqrt(np.nanmean(np.where(experiment.seen, errors, np.nan) ** 2, axis=0))
 

@@ -19,9 +19,7 @@ MAX_SAMPLES = 20_000  # of longer records, so many samples are enough for these 
 MIN_VARIANCE_RATIO = 1.5  # residual variance of a speed without the input over that with it
 MIN_R_SQUARED = 0.5  # R^2 of a speed by its input, below which its sign is not judged
 TURNED_CORRELATION = -0.9  # correlation of two angles, below which one of them counts backwards
-FALLING_CORRELATION = (
-    -0.5
-)  # correlation of speed and input, below which one falls as the other rises
+FALLING_CORRELATION = -0.5  # correlation of speed and input below which one falls as one rises
 ONE_WAY_SHARE = 0.98  # share of samples on one side of zero in a record of one direction
 MAX_PERIOD = 20  # rows between two measured values of a slower sensor, at most
 MIN_HELD_SHARE = 0.9  # share of the runs of equal values with the typical length
@@ -156,10 +154,9 @@ def _response(w: Array, angle: Array, u: Array, others: Sequence[Array], t: Arra
         mean = float(np.mean(w))
         clear = abs(mean) > MIN_R_SQUARED * float(np.sqrt(np.mean(w**2))) and not others
         return float(np.sign(mean) * np.sign(u[0])) if clear else 0.0
-    steps = np.diff(t)
-    causes = [angle, t - t[0], *(integral(x, steps) for x in others)]
+    integrals = [integral(x, np.diff(t)) for x in (*others, u - u.mean())]
     every = slice(None, None, -(-len(w) // MAX_SAMPLES))
-    causes = [cause[every] for cause in (*causes, integral(u - u.mean(), steps))]
+    causes = [cause[every] for cause in (angle, t - t[0], *integrals)]
     _, without = linear_fit(w[every], causes[:-1])
     slopes, residual = linear_fit(w[every], causes)
     total = float(np.var(w))

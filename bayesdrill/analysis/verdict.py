@@ -27,7 +27,7 @@ from bayesdrill.basics.arguments import check_arguments
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.findings import Finding
 from bayesdrill.config.schema.config import IdentifySpec
-from bayesdrill.inference.derived import hdi
+from bayesdrill.inference.derived import estimate
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.mode_search import Mode
@@ -312,18 +312,13 @@ class _TableComparison:
         low, high = float(ends.min(axis=1).sum()), float(ends.max(axis=1).sum())
         sigmas = tension(logs, low, high)
         x = nominal * np.exp(logs)
-        hdi_low, hdi_high = hdi(x)
-        mean, factors = float(x.mean()), np.flatnonzero(exponents)
+        factors = np.flatnonzero(exponents)
         alone = len(factors) == 1
         return Quantity(
             exponents=exponents,
             nominal=nominal,
             tolerance=(math.expm1(low), math.expm1(high)),
-            mean=mean,
-            sd=float(x.std(ddof=1)),
-            hdi_low=hdi_low,
-            hdi_high=hdi_high,
-            deviation=mean / nominal - 1.0,
+            **estimate(x, nominal),
             tension=sigmas,
             beyond=float(np.mean((logs < low) | (logs > high))) if high > low else None,
             sd_ratio=self._sd_ratio(exponents),

@@ -9,7 +9,7 @@ same config gives the same results on every machine.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.rig.compression.basis import CompressionError
 from bayesdrill.rig.compression.simulator import Compression, compress
 from bayesdrill.rig.simulators import COMPRESSED_FROM
+from bayesdrill.rig.simulators.contract import Simulator
 
 EXCERPT = 16384  # number of samples in the first excerpt
 GROWTH = 4  # factor by which an excerpt grows if it does not suffice
@@ -147,7 +148,7 @@ def compressions(
 
 def uncompressed(posterior: Posterior) -> Posterior:
     """Return the posterior with all samples of all records."""
-    return posterior.edit(convert=lambda old: replace(old, response=old.response.by_samples))
+    return posterior.with_simulators(lambda old: old.response.by_samples)
 
 
 def compressed(posterior: Posterior, known: Compressions) -> Posterior:
@@ -155,10 +156,8 @@ def compressed(posterior: Posterior, known: Compressions) -> Posterior:
     if not known:
         return posterior
 
-    def convert(observation: Observation) -> Observation:
-        compression = known.get(observation.label)
-        if compression is None:
-            return observation
-        return replace(observation, response=compression.applied(observation.response))
+    def simulator_of(observation: Observation) -> Simulator:
+        compression, response = known.get(observation.label), observation.response
+        return response if compression is None else compression.applied(response)
 
-    return posterior.edit(convert=convert)
+    return posterior.with_simulators(simulator_of)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -65,18 +66,14 @@ def impossible_formulas(problem: Problem) -> dict[str, str]:
     theta = problem.posterior.space.draw(_N_PRIOR_DRAWS, np.random.default_rng(0))
     values, reasons = values_at(problem, theta), {}
     for formula in problem.derived:
-        name, text, x = formula.symbol.name, formula.expression.text, values[formula.symbol.name]
-        x = np.abs(x[np.isfinite(x)])
+        name, text = formula.symbol.name, f"'{formula.expression.text}'"
+        x = np.abs(values[name][np.isfinite(values[name])])
         if not len(x):
-            reasons[name] = (
-                f"'{text}' is no number at any of {_N_PRIOR_DRAWS} draws from the priors; "
-                "correct the formula"
-            )
+            none = f"{text} is no number at any of {_N_PRIOR_DRAWS} draws from the priors"
+            reasons[name] = f"{none}; correct the formula"
         elif x.max() > _LARGEST:
-            reasons[name] = (
-                f"'{text}' reaches {x.max():.3g} at draws from the priors, too large for a mean; "
-                "rescale it"
-            )
+            large = f"{text} reaches {x.max():.3g} at draws from the priors"
+            reasons[name] = f"{large}, too large for a mean; rescale it"
     return reasons
 
 
@@ -146,11 +143,6 @@ def derived_symbols(problem: Problem) -> tuple[Symbol, ...]:
     return (*tied, *{**symbols.DERIVED, end.name: moved}.values(), *formulas)
 
 
-def _current(model: Model) -> str | None:
-    """Return the name of the first motor current that is a state, or None."""
-    return next((m.current for m in model.roles.motors if m.current in model.states), None)
-
-
 def values_at(problem: Problem, theta: Array) -> dict[str, Array]:
     """Return derived quantities by name, each `(W,)`, at physical unknowns `(W, D)`."""
     space = problem.posterior.space
@@ -211,7 +203,6 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
         times = np.where(swings, np.nan, -1.0 / eigenvalues.real)
     none = ~swings.any(axis=1)
     fastest = np.argmax(np.where(swings & ~visible, 0.0, size), axis=1)[:, None]
-    current = _current(model)
     n_currents = len({m.current for m in model.roles.motors} & {*model.states})
     # There is a real pole for each current, and one more for the motor's speed.
     slow = (~swings).sum(axis=1) == n_currents + 1
@@ -219,7 +210,7 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     values = {
         "omega_n": np.where(none, np.nan, np.take_along_axis(size, least_damped, axis=1)[:, 0]),
         "zeta": np.where(none, np.nan, np.take_along_axis(damping, least_damped, axis=1)[:, 0]),
-        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0] if current else undefined,
+        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0] if n_currents else undefined,
         "tau_m": np.where(slow, np.max(np.where(swings, -np.inf, times), axis=1), np.nan),
     }
     return {name: np.where(bad, np.nan, value) for name, value in values.items()}
@@ -238,7 +229,7 @@ def steady_values(
     turn = free_turn(matrix, angles)
     final = equilibrium(matrix if turn is None else fix_rotation(matrix, angles, turn), pushed)
     speed = final[:, angles[0]] if turn is not None else 0.0 * final[:, angles[0]]
-    current = _current(model)
+    current = next((m.current for m in model.roles.motors if m.current in model.states), None)
     at_end = final[:, model.states.index(current)] if current else np.full(n, np.nan)
     return {"w_end": speed, "i_end": at_end}
 
@@ -253,22 +244,21 @@ def summarise(derived: Derived) -> tuple[DerivedRow, ...]:
             continue
         table = derived.nominal.get(symbol.name, np.nan)
         nominal = table if np.isfinite(table) else None
-        low, high = hdi(x)
-        mean = float(x.mean())
-        rows.append(
-            DerivedRow(
-                name=symbol.name,
-                unit=symbol.unit,
-                nominal=nominal,
-                mean=mean,
-                sd=float(x.std(ddof=1)),
-                hdi_low=low,
-                hdi_high=high,
-                deviation=mean / nominal - 1.0 if nominal else None,
-                share=len(x) / len(all_draws),
-            )
+        share = len(x) / len(all_draws)
+        of_draws = estimate(x, nominal or None)
+        row = DerivedRow(
+            name=symbol.name, unit=symbol.unit, nominal=nominal, share=share, **of_draws
         )
+        rows.append(row)
     return tuple(rows)
+
+
+def estimate(x: Array, nominal: float | None) -> dict[str, Any]:
+    """Return mean, sd, HDI of draws `(N,)`, and deviation of the mean, by fields of a row."""
+    mean, (low, high) = float(x.mean()), hdi(x)
+    deviation = None if nominal is None else mean / nominal - 1.0
+    sd = float(x.std(ddof=1))
+    return {"mean": mean, "sd": sd, "hdi_low": low, "hdi_high": high, "deviation": deviation}
 
 
 def hdi(x: Array) -> tuple[float, float]:

@@ -65,7 +65,10 @@ class Observation:
         if columns == list(range(len(space.model))):
             columns = None
         indices = [space.free.index(name) for name in self.noise_names]
-        noise_columns = _column_index(indices, len(space.free))
+        first = indices[0] if indices else len(space.free)
+        noise = slice(first, first + len(indices))  # a slice copies no data
+        in_a_row = indices == list(range(noise.start, noise.stop))
+        noise_columns = noise if in_a_row else indices
         return dataclasses.replace(self, columns=columns, noise_columns=noise_columns, space=space)
 
     @property
@@ -156,8 +159,8 @@ class Observation:
         """
         t = experiment.t
         noise = noise_for_record(self.noise.for_length(len(t)), t, experiment.seen)
-        copied = self.with_simulator(self.response.of(experiment), self.parameters)
-        return dataclasses.replace(copied, noise=noise)
+        other = dataclasses.replace(self, noise=noise)
+        return other.with_simulator(self.response.of(experiment), self.parameters)
 
     # Subclasses override the following members.
 
@@ -289,9 +292,7 @@ class LatentTorqueObservation(Observation):
     process: Mapping[str, float | Unknown]
     fixed: tuple[float, ...] | None = None
 
-    def with_simulator(
-        self, response: Simulator, parameters: Sequence[str]
-    ) -> LatentTorqueObservation:
+    def with_simulator(self, response: Simulator, parameters: Sequence[str]) -> Self:
         """Return an unbound observation with another simulator and the names of its parameters."""
         filtered = KalmanFilter(response.model, self.kalman_filter.torque, response.experiment)
         made = Observation.with_simulator(self, response, parameters)
@@ -320,7 +321,7 @@ class LatentTorqueObservation(Observation):
         """Return the observation itself."""
         return self
 
-    def with_fixed_covariance(self, theta: Array) -> LatentTorqueObservation:
+    def with_fixed_covariance(self, theta: Array) -> Self:
         """Return the observation with the covariance fixed at its value at `theta (D,)`."""
         assert self.space is not None
         parameters = self.simulator_parameters(self.space.full(theta[None]))[0]
@@ -543,10 +544,3 @@ def observe(
         noise_names=[*names, *(n for n, x in process.items() if isinstance(x, Unknown))],
         **shared,
     )
-
-
-def _column_index(columns: list[int], last: int) -> slice | list[int]:
-    """Return consecutive columns as a slice, which copies no data, and others as they are."""
-    first = columns[0] if columns else last
-    in_a_row = columns == list(range(first, first + len(columns)))
-    return slice(first, first + len(columns)) if in_a_row else columns

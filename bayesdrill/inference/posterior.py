@@ -20,6 +20,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES, Coordinates, ParameterSpace, Unknown
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.contract import Simulator
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +127,10 @@ class Posterior:
             observations = tuple(observation.with_record(y) for observation, y in pairs)
         coordinates = self.coordinates if space is self.space else space.coordinates
         return Posterior(space, Likelihood(observations, space, held_out), coordinates)
+
+    def with_simulators(self, simulator_of: Callable[[Observation], Simulator]) -> Posterior:
+        """Return the posterior with another simulator of each observation, also if held out."""
+        return self.edit(convert=lambda old: dataclasses.replace(old, response=simulator_of(old)))
 
     def __call__(self, z: Array) -> Array:
         """Return the log density over `z`."""

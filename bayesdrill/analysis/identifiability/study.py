@@ -115,11 +115,8 @@ def _actions(
             equal[names.index(first)], equal[names.index(second)] = 1.0, -1.0
             yield f"tie {first} = {second}", now.with_knowledge(equal, WEIGHED_TO)
     yield from _added_inertias(sensitivity, theta, now)
-    for what, scene in (
-        *_other_drives(sensitivity),
-        *_more_channels(sensitivity, theta),
-        *_other_inputs(sensitivity, theta),
-    ):
+    others, channels = _other_drives(sensitivity), _more_channels(sensitivity, theta)
+    for what, scene in (*others, *channels, *_other_inputs(sensitivity, theta)):
         yield what, from_sensitivities(names, sensitivity.sensitivities(theta, scene))
 
 
@@ -133,23 +130,17 @@ def _added_inertias(
         symbol = inertia.inertia
         if symbol not in names or symbol in tied:
             continue
-        column = space.free.index(symbol)
+        column, k = space.free.index(symbol), [names.index(symbol)]
         heavier = theta.copy()
         heavier[column] *= 1.0 + ADDED_SHARE
         rows = sensitivity.sensitivities(heavier)
-        total = rows[:, [names.index(symbol)]] / (1.0 + ADDED_SHARE)  # d / d log(j + J) per d log j
-        rows[:, [names.index(symbol)]] = total
+        rows[:, k] = total = rows[:, k] / (1.0 + ADDED_SHARE)  # d / d log(j + J) per d log j
         weighed = np.append(np.zeros(len(names)), 1.0 / WEIGHED_TO)
-        repeated = project_out(
-            np.vstack([np.hstack([rows, ADDED_SHARE * total]), weighed]), len(names)
-        )
-        unit = sensitivity.model.symbols[symbol].unit
-        size = f"{ADDED_SHARE * theta[column]:.2g} {unit}"
-        root = root_of(np.vstack([now.root, repeated]))
-        yield (
-            f"repeat it with an inertia of {size} (to 1 %) added to {symbol}",
-            Information(names, root),
-        )
+        both = np.vstack([np.hstack([rows, ADDED_SHARE * total]), weighed])
+        root = root_of(np.vstack([now.root, project_out(both, len(names))]))
+        size = f"{ADDED_SHARE * theta[column]:.2g} {sensitivity.model.symbols[symbol].unit}"
+        what = f"repeat it with an inertia of {size} (to 1 %) added to {symbol}"
+        yield what, Information(names, root)
 
 
 def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVariant]]:
@@ -348,6 +339,7 @@ def study_of(
     structure = structure_of(posterior, sensitivity, theta, rng)
     known = from_sensitivities(names, sensitivity.sensitivities(theta))
     prior_sd, tried = prior_spreads(posterior)[: len(names)], tuple[Remedy, ...]()
+    sds = known.with_priors(prior_sd).bounds()
     if seek_remedies:
         tried = remedies(sensitivity, theta, structure.symmetries, prior_sd, of_interest)
     return IdentifiabilityStudy(
@@ -355,13 +347,7 @@ def study_of(
         at=at,
         of_interest=of_interest,
         structure=structure,
-        parameters=_known_products(
-            known,
-            np.eye(len(names)),
-            known.with_priors(prior_sd).bounds(),
-            prior_sd,
-            settings,
-        ),
+        parameters=_known_products(known, np.eye(len(names)), sds, prior_sd, settings),
         products=products(known, prior_sd, simple_exponents(len(names)), settings),
         information=known,
         remedies=tried,
@@ -435,22 +421,20 @@ def _nuisances(
     alike = covariance / np.outer(sds, sds)
     steps = posterior.coordinates.natural(theta[None])[0]
 
-    def nuisance(k: int, name: str) -> Nuisance:
-        falls = [
-            (other, float(1.0 / np.sqrt(max(1.0 - alike[k, j] ** 2, 1e-12))))
-            for j, other in enumerate(sensitivity.unknowns)
-        ]
+    nuisances = []
+    for k, name in enumerate(sensitivity.nuisances, start=len(sensitivity.unknowns)):
+        falls = 1.0 / np.sqrt(np.maximum(1.0 - alike[k] ** 2, 1e-12))
+        pairs = zip(sensitivity.unknowns, falls.tolist(), strict=False)
         before = sensitivity.prior_spreads[k]
-        return Nuisance(
+        nuisance = Nuisance(
             name=name,
             sd=float(sds[k] * steps[k]),
             prior_sd=float(before * steps[k]),
             word=thresholds.classify(float(sds[k] / before)),
-            like=tuple(x for x in sorted(falls, key=lambda fall: -fall[1]) if x[1] > MIN_FALL),
+            like=tuple(x for x in sorted(pairs, key=lambda fall: -fall[1]) if x[1] > MIN_FALL),
         )
-
-    numbered = enumerate(sensitivity.nuisances, start=len(sensitivity.unknowns))
-    return tuple(itertools.starmap(nuisance, numbered))
+        nuisances.append(nuisance)
+    return tuple(nuisances)
 
 
 def prior_spreads(posterior: Posterior) -> Array:

@@ -40,10 +40,6 @@ class ChannelSpacing:
     gaps: Array | None
     all_gaps: Array | None
 
-    @property
-    def _intervals(self) -> Array:
-        return np.ones(1) if self.gaps is None else self.gaps
-
     def conditional(self, rho: Any) -> tuple[Any, Any]:
         """Return the weight of the previous sample in the conditional mean, and the conditional sd.
 
@@ -55,7 +51,8 @@ class ChannelSpacing:
             out[:, 1:] = weights
             return out
 
-        weight = linear_map(with_first, rho[:, None] ** self._intervals)
+        intervals = np.ones(1) if self.gaps is None else self.gaps
+        weight = linear_map(with_first, rho[:, None] ** intervals)
         return weight, ((1.0 - weight) * (1.0 + weight)) ** 0.5
 
     def predicted(self, samples: Array, rho: Array) -> Array:
@@ -141,12 +138,12 @@ def _gaps(gaps: Array) -> Array | None:
 
 
 def _without_memory(samples: Any, weight: Any) -> Any:
-    return samples - weight * linear_map(_delayed, samples)
+    """Return samples minus `weight` times the previous sample, which is zero for the first."""
 
+    def delayed(x: Array) -> Array:
+        return np.concatenate([np.zeros_like(x[:, :1]), x[:, :-1]], axis=1)
 
-def _delayed(samples: Array) -> Array:
-    """Return the previous sample of each, and zero for the first."""
-    return np.concatenate([np.zeros_like(samples[:, :1]), samples[:, :-1]], axis=1)
+    return samples - weight * linear_map(delayed, samples)
 
 
 def _sum_weights(rho: Any) -> list[Any]:
@@ -161,8 +158,7 @@ def _sum_weights(rho: Any) -> list[Any]:
 
 def _squared_innovations(rho: Any, sums: Array) -> Any:
     """Return the sum of squared innovations for sigma 1, from `Residuals.neighbours`."""
-    terms = [weight * sums[..., n] for n, weight in enumerate(_sum_weights(rho))]
-    return terms[0] + terms[1] + terms[2]
+    return sum(weight * sums[..., n] for n, weight in enumerate(_sum_weights(rho)))
 
 
 START_RHO = 0.3  # a search begins here
@@ -265,7 +261,7 @@ class AR1:
         """Apply `function` to samples over sigma and rho by channel, `(W, T, K)`; NaN if missing."""
         sigma, rho = (affine_map(f, theta) for f in (self.scales, self.memory.values))
         values = dual(samples).value
-        channels = [*enumerate(self._spacing(values).channels)]
+        channels = [*enumerate(self._channels)]
         results = [
             function(channel, samples[:, channel.rows, k] / sigma[:, k, None], rho[:, k])
             for k, channel in channels
@@ -309,7 +305,7 @@ class AR1:
         """Draw signals `(W, T, K)` with fresh noise."""
         sigma, rho = self.scales(theta), self.memory.values(theta)
         out = rng.standard_normal(signals.shape)
-        for k, channel in enumerate(self._spacing(signals).channels):
+        for k, channel in enumerate(self._channels):
             channel.correlate(out[:, :, k], rho[:, k])
         return signals + sigma[:, None, :] * out
 
@@ -323,11 +319,12 @@ class AR1:
         spacing = self.spacing
         return spacing if spacing and any(c.gaps is not None for c in spacing.channels) else None
 
-    def _spacing(self, samples: Array) -> Spacing:
-        return self.spacing or even_spacing(*samples.shape[1:])
+    @property
+    def _channels(self) -> tuple[ChannelSpacing, ...]:
+        even = even_spacing(self.levels.n_samples, self.levels.n_channels)
+        return (self.spacing or even).channels
 
     def _pairs(self, rho: Array) -> Array:
         """Return the information `(W, K, 2, 2)` on the log of sigma and on rho."""
-        spacing = self.spacing or even_spacing(self.levels.n_samples, self.levels.n_channels)
-        each = [channel.information(rho[:, k]) for k, channel in enumerate(spacing.channels)]
+        each = [channel.information(rho[:, k]) for k, channel in enumerate(self._channels)]
         return np.stack(each, axis=1)

@@ -10,10 +10,8 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.basics.duals import linear_map
-from bayesdrill.inference.noise.contract import Noise, Residuals, as_matrix
+from bayesdrill.inference.noise.contract import ChannelResiduals, Noise, Residuals, as_matrix
 from bayesdrill.inference.unknowns import Unknown
-
-UNBOUNDED_HALF = 1e3  # half-width, in sds, of an interval so wide that its probability is one
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,44 +46,6 @@ def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
         )
     counted: Noise = with_counts(tuple(int(n) for n in seen.sum(axis=0)))
     return counted
-
-
-@dataclass(frozen=True, slots=True)
-class _ChannelResiduals:
-    """Residuals of a record are restricted to the channels `columns`, out of `n_channels`."""
-
-    residuals: Residuals
-    columns: tuple[int, ...]
-    n_channels: int
-
-    @property
-    def squares(self) -> Array:
-        """Return sums of squares `(W, K)`."""
-        return self.residuals.squares[..., self.columns]
-
-    @property
-    def samples(self) -> Array:
-        return self.residuals.samples[..., self.columns]
-
-    @property
-    def neighbours(self) -> Array:
-        return self.residuals.neighbours[:, self.columns]
-
-    def logs(self, weights: Array) -> Array:
-        return self.residuals.logs(self._all_channels(weights, 0.0))[:, self.columns]
-
-    def intervals(self, over: Array, half: Array) -> Array:
-        scaled = self._all_channels(over, 0.0), self._all_channels(half, UNBOUNDED_HALF)
-        return self.residuals.intervals(*scaled)[:, self.columns]
-
-    def _all_channels(self, numbers: Array, fill: float) -> Array:
-        """Return `numbers` in their places among all channels, with `fill` in the others."""
-        out = np.full((len(numbers), self.n_channels), fill)
-        out[:, self.columns] = numbers
-        return out
-
-    def weighted_squares(self, weights: Array) -> Array:
-        return self.squares * weights**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,8 +158,8 @@ class Mixed:
             first = block.stop
         return out
 
-    def _residuals(self, residuals: Residuals, part: ChannelNoise) -> _ChannelResiduals:
-        return _ChannelResiduals(residuals, part.columns, self.n_channels)
+    def _residuals(self, residuals: Residuals, part: ChannelNoise) -> ChannelResiduals:
+        return ChannelResiduals(residuals, part.columns, self.n_channels)
 
     def _split(self, theta: Any) -> Iterator[tuple[ChannelNoise, Any]]:
         first = 0
