@@ -235,12 +235,8 @@ PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
 )
 # Priors of a sensor or a start, whose ends may be below zero.
 SIGNED_PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
-    {
-        "uniform": Uniform,
-        "normal": uncut_normal,
-        "truncated_normal": TruncatedNormal,
-        "log_normal": LogNormal,
-    }
+    {n: prior for n, prior in PRIORS.items() if n not in ("log_uniform", "half_normal")}
+    | {"normal": uncut_normal}
 )
 
 

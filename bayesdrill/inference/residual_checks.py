@@ -245,12 +245,8 @@ def _correlations(
         memory, counts = _correlated(residuals, residuals, lags)
         last, sds = min(N_LAGS, int(lags[-1])), 1.0 / np.sqrt(counts)
         after = slice(1, last + 1)
-        build = partial(
-            ResidualCorrelation,
-            channel=experiment.channels[k],
-            step=step,
-            experiment=observation.label,
-        )
+        place = {"channel": experiment.channels[k], "experiment": observation.label}
+        build = partial(ResidualCorrelation, step=step, **place)
         yield build(input="", lags=lags[after], values=memory[after], sds=sds[after])
         two_sided_lags = np.arange(-last, last + 1)
         rho = memory[1]

@@ -189,7 +189,6 @@ class AR1:
 
     @classmethod
     def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> AR1:
-        """Build the noise of these channels."""
         levels = White.from_channels(channels, n_samples)
         memory = ChannelNumbers(tuple(c.entries.get("rho") for c in channels), len(levels.unknowns))
         declared = {"prior": Uniform(0.0, 1.0), "start": START_RHO, "transform": (0.0, 1.0)}
@@ -197,25 +196,20 @@ class AR1:
         return cls(levels=levels, memory=memory, unknowns=(*levels.unknowns, *own))
 
     def for_length(self, n_samples: int) -> AR1:
-        """Return the same noise for a record of another length."""
         return dataclasses.replace(self, levels=self.levels.for_length(n_samples), spacing=None)
 
     def at_times(self, t: Array, seen: Flags) -> AR1:
-        """Return the same noise at times `t (T,)`, where channels were seen `(T, K)`."""
         levels = self.levels.for_length(len(t)).with_counts(tuple(int(n) for n in seen.sum(axis=0)))
         spacing = Spacing(tuple(_channel_spacing(t, column) for column in seen.T), seen)
         return dataclasses.replace(self, levels=levels, spacing=spacing)
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return given sigmas and correlations by index of the channel."""
         return self.memory.with_sizes(self.levels.known)
 
     def scales(self, theta: Array) -> Array:
-        """Return the standard deviation of a single sample `(W, K)`, SI."""
         return self.levels.scales(theta)
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
-        """Return the log likelihood `(W, K)`."""
         if self._uneven is not None:
             terms = self.pointwise(residuals.samples, theta)
             return np.asarray(np.where(self._uneven.seen, terms, 0.0).sum(axis=1))
@@ -233,25 +227,20 @@ class AR1:
         return np.asarray(weights / self.scales(theta)[..., None] ** 2)
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        """Return the log density `(W, T, K)` of each sample given those before it."""
         sizes = log(affine_map(self.scales, theta))[:, None] + 0.5 * math.log(2 * math.pi)
         return self._by_channel(ChannelSpacing.log_density, samples, theta) - sizes
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return whitened residuals `(W, T, K)`."""
         return self._by_channel(ChannelSpacing.innovations, samples, theta)
 
     def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return samples minus their predictions from earlier ones, `(W, T, K)`, SI."""
         predicted = self._by_channel(ChannelSpacing.predicted, samples, theta)
         return predicted * self.scales(theta)[:, None]
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
-        """Return whitened shifts of signals `(W, T, K)`."""
         return np.nan_to_num(self.whiten(shifts, theta))
 
     def score(self, samples: Array, theta: Array) -> Array:
-        """Return d log likelihood / d model signal: `(W, T, K)`."""
         by_scaled = self._by_channel(ChannelSpacing.score, samples, theta)
         return by_scaled / self.scales(theta)[:, None]
 
@@ -298,11 +287,9 @@ class AR1:
         return slope, pair_matrix(pairs, self._free)
 
     def expected(self, theta: Array) -> Array:
-        """Return the expected curvature."""
         return np.asarray(pair_matrix(self._pairs(self.memory.values(theta[None])), self._free)[0])
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """Draw signals `(W, T, K)` with fresh noise."""
         sigma, rho = self.scales(theta), self.memory.values(theta)
         out = rng.standard_normal(signals.shape)
         for k, channel in enumerate(self._channels):

@@ -1,4 +1,7 @@
-"""A noise, whose contract is defined here, is the distribution of residuals of some channels."""
+"""A noise, whose contract is defined here, is the distribution of residuals of some channels.
+
+Modules of the kinds of noise do not repeat the descriptions of `Noise`.
+"""
 
 from __future__ import annotations
 

@@ -63,7 +63,6 @@ class Mixed:
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        """Return the unknowns of all parts."""
         return tuple(unknown for part in self.parts for unknown in part.noise.unknowns)
 
     @property
@@ -72,18 +71,15 @@ class Mixed:
         return sum(len(part.columns) for part in self.parts)
 
     def for_length(self, n_samples: int) -> Mixed:
-        """Return the same noise for a record of another length."""
         parts = (ChannelNoise(p.noise.for_length(n_samples), p.columns) for p in self.parts)
         return Mixed(tuple(parts))
 
     def at_times(self, t: Array, seen: Flags) -> Mixed:
-        """Return the same noise for times `t (T,)`, at which only samples `seen (T, K)` exist."""
         noises = (noise_for_record(p.noise, t, seen[:, p.columns]) for p in self.parts)
         pairs = zip(noises, self.parts, strict=True)
         return Mixed(tuple(ChannelNoise(noise, part.columns) for noise, part in pairs))
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return fixed values by index of the channel."""
         each = ((p.columns, p.noise.fixed_values()) for p in self.parts)
         return {columns[k]: fixed for columns, values in each for k, fixed in values.items()}
 
@@ -99,43 +95,34 @@ class Mixed:
         return out
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
-        """Return the log likelihood `(W, K)`."""
         return self._each(
             lambda p, at: p.noise.log_likelihood(self._residuals(residuals, p), at), theta
         )
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        """Return the log density `(W, T, K)` of each sample given those before it."""
         return self._each(lambda p, at: p.noise.pointwise(samples[..., p.columns], at), theta)
 
     def scales(self, theta: Array) -> Array:
-        """Return the standard deviation of a single sample `(W, K)`, SI."""
         return self._each(lambda p, at: p.noise.scales(at), theta)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return whitened residuals `(W, T, K)`."""
         return self._each(lambda p, at: p.noise.whiten(samples[..., p.columns], at), theta)
 
     def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return each sample minus its prediction from those before it: `(W, T, K)`, SI."""
         return self._each(lambda p, at: p.noise.innovations(samples[..., p.columns], at), theta)
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
-        """Return small changes `shifts (W, T, K)` of the model signals, whitened."""
         return self._each(
             lambda p, at: p.noise.whitened_jacobian(shifts[..., p.columns], at), theta
         )
 
     def score(self, samples: Array, theta: Array) -> Array:
-        """Return d log likelihood / d model signal: `(W, T, K)`."""
         return self._each(lambda p, at: p.noise.score(samples[..., p.columns], at), theta)
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """Draw signals `(W, T, K)` with fresh noise."""
         return self._each(lambda p, at: p.noise.draw(signals[..., p.columns], at, rng), theta)
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
-        """Return gradient and curvature of the log likelihood by the unknowns of all parts."""
         parts = [
             part.noise.noise_score(self._residuals(residuals, part), at)
             for part, at in self._split(theta)
@@ -144,7 +131,6 @@ class Mixed:
         return np.concatenate(slopes, axis=-1), self._block_diagonal(curvatures, theta)
 
     def expected(self, theta: Array) -> Array:
-        """Return the expected curvature."""
         curvatures = [part.noise.expected(at) for part, at in self._split(theta)]
         return self._block_diagonal(curvatures, theta)
 
