@@ -177,17 +177,16 @@ def find_reference(
 ) -> tuple[str, str] | None:
     """Return an input and an angle that follows it as a set point, unlike the model; or None."""
     shares = {(row.experiment, row.channel): row.share for row in residuals}
+    goals = {motor.goal for motor in problem.model.roles.motors}
     for observation in problem.observations:
         experiment = observation.experiment
+        # The model has the loop that follows a goal.
+        inputs = [(name, u) for name, u in experiment.series.items() if name not in goals]
         for channel, y in zip(experiment.channels, experiment.y.T, strict=True):
-            if channel.unit not in SPEED_UNITS or np.isnan(y).any():
+            unexplained = shares[observation.label, channel.name] > MIN_LEFT
+            if channel.unit not in SPEED_UNITS or np.isnan(y).any() or not unexplained:
                 continue
-            if not shares[observation.label, channel.name] > MIN_LEFT:
-                continue
-            goals = {motor.goal for motor in problem.model.roles.motors}
-            for name, u in experiment.series.items():
-                if name in goals:  # the model has the loop that follows it
-                    continue
+            for name, u in inputs:
                 lags = range(min(MAX_FOLLOWING, len(u) // 2))
                 if max(_slope(u[: len(u) - k], y[k:])[1] for k in lags) > MIN_FOLLOWED:
                     return name, channel.name

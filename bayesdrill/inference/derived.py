@@ -102,22 +102,16 @@ def with_products(
         name = product_name(names, powers)
         if name in nominal:  # a formula of the config has this name
             name += "_"
-        described_.append(
-            Symbol(
-                name=name,
-                unit=unit_product([n.unit for n, _ in factors], [e for _, e in factors]),
-                latex=product_latex(powers, problem.symbols),
-                latex_unit="SI",
-                meaning="a product of powers that no exact symmetry changes",
-            )
-        )
+        unit = unit_product([n.unit for n, _ in factors], [e for _, e in factors])
+        latex = product_latex(powers, problem.symbols)
+        meaning = "a product of powers that no exact symmetry changes"
+        described_.append(Symbol(name, unit, latex, "SI", meaning))
         logs = np.log(draws[..., : len(powers)]) @ np.array(powers, dtype=float)
         columns.append(np.exp(logs)[..., None])
         values = [problem.nominal.get(n.name, np.nan) ** e for n, e in factors]
         nominal[name] = float(np.prod(values))
-    return Derived(
-        symbols=tuple(described_), values=np.concatenate(columns, axis=-1), nominal=nominal
-    )
+    values_of_all = np.concatenate(columns, axis=-1)
+    return Derived(symbols=tuple(described_), values=values_of_all, nominal=nominal)
 
 
 def product_name(names: Sequence[str], exponents: Sequence[int]) -> str:
@@ -244,12 +238,8 @@ def summarise(derived: Derived) -> tuple[DerivedRow, ...]:
             continue
         table = derived.nominal.get(symbol.name, np.nan)
         nominal = table if np.isfinite(table) else None
-        share = len(x) / len(all_draws)
-        of_draws = estimate(x, nominal or None)
-        row = DerivedRow(
-            name=symbol.name, unit=symbol.unit, nominal=nominal, share=share, **of_draws
-        )
-        rows.append(row)
+        numbers = {"share": len(x) / len(all_draws), **estimate(x, nominal or None)}
+        rows.append(DerivedRow(name=symbol.name, unit=symbol.unit, nominal=nominal, **numbers))
     return tuple(rows)
 
 

@@ -105,7 +105,6 @@ class Uniform(Prior):
         return -math.log(self.high - self.low)
 
     def quantile(self, u: Array) -> Array:
-        """Return the inverse of the distribution at `u (N,)`."""
         return self.low + (self.high - self.low) * u
 
 
@@ -123,7 +122,6 @@ class LogUniform(Prior):
         return -log(x) - math.log(math.log(self.high / self.low))
 
     def quantile(self, u: Array) -> Array:
-        """Return the inverse of the distribution at `u (N,)`."""
         return self.low * (self.high / self.low) ** u
 
 
@@ -141,7 +139,6 @@ class TruncatedNormal(Prior):
         return -0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd) - self._log_mass()
 
     def quantile(self, u: Array) -> Array:
-        """Return the inverse of the distribution at `u (N,)`."""
         # Work in the tail that is nearer, where the normal integral keeps its digits.
         ndtr, (a, b) = scipy.special.ndtr, self._ends()
         if a > 0:
@@ -186,7 +183,6 @@ class LogNormal(_Positive):
         return -0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd_log) - log_x
 
     def quantile(self, u: Array) -> Array:
-        """Return the inverse of the distribution at `u (N,)`."""
         return np.asarray(self.median * np.exp(self.sd_log * scipy.special.ndtri(u)))
 
 
@@ -203,7 +199,6 @@ class HalfNormal(_Positive):
         return constant - 0.5 * (x / self.scale) ** 2
 
     def quantile(self, u: Array) -> Array:
-        """Return the inverse of the distribution at `u (N,)`."""
         return np.asarray(self.scale * scipy.special.ndtri(0.5 * (1.0 + u)))
 
 

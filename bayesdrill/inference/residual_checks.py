@@ -245,8 +245,8 @@ def _correlations(
         memory, counts = _correlated(residuals, residuals, lags)
         last, sds = min(N_LAGS, int(lags[-1])), 1.0 / np.sqrt(counts)
         after = slice(1, last + 1)
-        place = {"channel": experiment.channels[k], "experiment": observation.label}
-        build = partial(ResidualCorrelation, step=step, **place)
+        place = partial(ResidualCorrelation, experiment=observation.label, step=step)
+        build = partial(place, channel=experiment.channels[k])
         yield build(input="", lags=lags[after], values=memory[after], sds=sds[after])
         two_sided_lags = np.arange(-last, last + 1)
         rho = memory[1]

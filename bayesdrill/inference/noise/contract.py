@@ -242,11 +242,8 @@ class ChannelNumbers:
 
     def values(self, theta: Array) -> Array:
         """Return the numbers of all channels `(W, K)`."""
-        out = np.empty((len(theta), len(self.fixed)))
-        column = self.first
-        for k, value in enumerate(self.fixed):
-            out[:, k] = theta[:, column] if value is None else value
-            column += value is None
+        out = np.tile(np.array(self.fixed, dtype=np.float64), (len(theta), 1))
+        out[:, self.free] = theta[:, self.first : self.first + len(self.free)]
         return out
 
     def with_sizes(self, sizes: Mapping[int, float]) -> dict[int, object]:
@@ -305,9 +302,6 @@ def pair_matrix(pairs: Array, channel_indices: tuple[list[int], list[int]]) -> A
     and those whose second is; the unknowns have this order.
     """
     unknowns = [(k, which) for which, channels in enumerate(channel_indices) for k in channels]
-    out = np.zeros((*pairs.shape[:-3], len(unknowns), len(unknowns)))
-    for i, (k, first_index) in enumerate(unknowns):
-        for j, (other, second_index) in enumerate(unknowns):
-            if k == other:
-                out[..., i, j] = pairs[..., k, first_index, second_index]
-    return out
+    k, which = np.array(unknowns, dtype=np.intp).reshape(-1, 2).T
+    blocks = pairs[..., k[:, None], which[:, None], which]
+    return np.where(k[:, None] == k, blocks, 0.0)

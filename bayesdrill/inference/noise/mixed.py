@@ -32,20 +32,18 @@ def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
 
     Raises `ValueError` if samples are missing and the noise needs every one.
     """
-    at_times = getattr(noise, "at_times", None)
+    at_times: Callable[..., Noise] | None = getattr(noise, "at_times", None)
     if at_times is not None:
-        timed: Noise = at_times(t, seen)
-        return timed
+        return at_times(t, seen)
     if seen.all():
         return noise
-    with_counts = getattr(noise, "with_counts", None)
+    with_counts: Callable[..., Noise] | None = getattr(noise, "with_counts", None)
     if with_counts is None:
         raise ValueError(
             f"noise of the kind {type(noise).__name__} needs every sample, and the record lacks "
             "some; use white noise, or a part of the record without gaps (record.window)"
         )
-    counted: Noise = with_counts(tuple(int(n) for n in seen.sum(axis=0)))
-    return counted
+    return with_counts(tuple(int(n) for n in seen.sum(axis=0)))
 
 
 @dataclass(frozen=True, slots=True)
