@@ -144,11 +144,10 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[s
 def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
     """Return the posterior with parameters that the rig lacks as unknowns, sought from `theta (D,)`."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space.full(theta[None]))
-    symbols = [Symbol(name, "", "", "", "") for name in sizes]
-    free = [
-        Unknown(symbol=symbol, role="sensor", prior=Uniform(0.0, sizes[symbol.name]), start=0.0)
-        for symbol in symbols
-    ]
+    free = []
+    for name, size in sizes.items():
+        symbol, prior = Symbol(name, "", "", "", ""), Uniform(0.0, size)
+        free.append(Unknown(symbol=symbol, role="sensor", prior=prior, start=0.0))
 
     def convert(observation: Observation) -> Observation:
         response = observation.response

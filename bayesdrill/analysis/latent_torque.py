@@ -251,12 +251,9 @@ def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
     alone = [1.0 - _residual_squares(torque, rows) / total for _, _, rows in regressors]
     selected: list[int] = []
     remaining, rows = total, np.empty((len(torque), 0))
-    while len(selected) < len(regressors):
-        squares = {
-            k: _residual_squares(torque, np.column_stack([rows, new]))
-            for k, (_, _, new) in enumerate(regressors)
-            if k not in selected
-        }
+    while others := [k for k in range(len(regressors)) if k not in selected]:
+        joint = [np.column_stack([rows, regressors[k][2]]) for k in others]
+        squares = {k: _residual_squares(torque, x) for k, x in zip(others, joint, strict=True)}
         best = min(squares, key=lambda k: squares[k])
         if remaining - squares[best] < max(MIN_SHARE_OF_REST * remaining, MIN_SHARE * total):
             break
@@ -271,9 +268,8 @@ def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
         ends = np.cumsum([regressors[k][2].shape[1] for k in selected])[:-1]
         for k, sizes in zip(selected, np.split(weights, ends), strict=True):
             size = sizes[0] if len(sizes) == 1 else np.linalg.norm(sizes, axis=0)
-            regressions[k] = dataclasses.replace(
-                regressions[k], taken=True, size=float(size.mean()), sd=float(size.std())
-            )
+            mean, sd = float(size.mean()), float(size.std())
+            regressions[k] = dataclasses.replace(regressions[k], taken=True, size=mean, sd=sd)
     others = sorted({*range(len(alone))} - {*selected}, key=lambda k: -alone[k])
     return tuple(regressions[k] for k in (*selected, *others))
 

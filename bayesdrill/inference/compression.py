@@ -9,7 +9,7 @@ same config gives the same results on every machine.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -80,11 +80,10 @@ def check_draws(compressed: Posterior, theta: Array) -> CompressionCheck | None:
 def excerpt(posterior: Posterior, samples: int = EXCERPT) -> Posterior | None:
     """Return the posterior of the first samples of long records, or None if no record is long."""
     observations = posterior.likelihood.observations
-    short = [first_samples(observation, samples) for observation in observations]
+    short = tuple(first_samples(observation, samples) for observation in observations)
     if all(new is old for new, old in zip(short, observations, strict=True)):
         return None
-    likelihood = Likelihood(tuple(short), posterior.space)
-    return Posterior(posterior.space, likelihood, posterior.coordinates)
+    return replace(posterior, likelihood=Likelihood(short, posterior.space))
 
 
 def longer_excerpt(posterior: Posterior, short: Posterior, known: Compressions) -> Posterior | None:
@@ -93,11 +92,8 @@ def longer_excerpt(posterior: Posterior, short: Posterior, known: Compressions) 
     None means that no record is longer, or that compressions of all long records are `known`.
     """
     pairs = zip(posterior.likelihood.observations, short.likelihood.observations, strict=True)
-    unknown = [
-        len(part.experiment.t)
-        for observation, part in pairs
-        if is_long(observation) and observation.label not in known
-    ]
+    parts = [part for each, part in pairs if is_long(each) and each.label not in known]
+    unknown = [len(part.experiment.t) for part in parts]
     return excerpt(posterior, GROWTH * max(unknown)) if unknown else None
 
 

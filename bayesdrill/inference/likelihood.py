@@ -293,7 +293,6 @@ class LatentTorqueObservation(Observation):
     fixed: tuple[float, ...] | None = None
 
     def with_simulator(self, response: Simulator, parameters: Sequence[str]) -> Self:
-        """Return an unbound observation with another simulator and the names of its parameters."""
         filtered = KalmanFilter(response.model, self.kalman_filter.torque, response.experiment)
         made = Observation.with_simulator(self, response, parameters)
         return dataclasses.replace(made, kalman_filter=filtered)
@@ -318,7 +317,6 @@ class LatentTorqueObservation(Observation):
 
     @property
     def torque(self) -> LatentTorqueObservation:
-        """Return the observation itself."""
         return self
 
     def with_fixed_covariance(self, theta: Array) -> Self:
@@ -358,13 +356,10 @@ class LatentTorqueObservation(Observation):
         """Return size and time of the torque, `(..., 2)`."""
         out = np.empty((*kernel_arguments.shape[:-1], 2))
         column = len(self.noise.unknowns)
-        for k, name in enumerate((SIZE, TIME)):
-            value = self.process[name]
-            if isinstance(value, Unknown):
-                out[..., k] = kernel_arguments[..., column]
-                column += 1
-            else:
-                out[..., k] = value
+        for k, value in enumerate((self.process[SIZE], self.process[TIME])):
+            is_unknown = isinstance(value, Unknown)
+            out[..., k] = kernel_arguments[..., column] if is_unknown else value
+            column += is_unknown
         return out
 
     def sizes(self, theta: Array) -> Array:
@@ -374,7 +369,6 @@ class LatentTorqueObservation(Observation):
     # Densities.
 
     def by_channel(self, full: Array, theta: Array) -> Array:
-        """Return the log likelihood of each channel, `(W, K)`."""
         record = self.response.record
         if self.fixed is None and record is not None:
             return self.kalman_filter.log_density(*self._filter_arguments(theta, full), record)
@@ -382,21 +376,17 @@ class LatentTorqueObservation(Observation):
         return np.asarray(np.nansum(terms, axis=1))
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        """Return the log density `(W, T, K)` of each residual given those before it."""
         white, variances = self._whitened(samples, theta)
         return np.asarray(-0.5 * (math.log(2 * math.pi) + np.log(variances) + white**2))
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return whitened residuals `(W, T, K)`."""
         return self._whitened(samples, theta)[0]
 
     def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return errors of one-step-ahead predictions `(W, T, K)`, SI."""
         white, variances = self._whitened(samples, theta)
         return white * np.sqrt(variances)
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
-        """Return whitened shifts of signals `(W, T, K)`."""
         return np.nan_to_num(self.whiten(shifts, theta))
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
@@ -431,7 +421,6 @@ class LatentTorqueObservation(Observation):
         return states, np.asarray(states @ self.kalman_filter.output_matrix.T)
 
     def replicate(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """Draw the record `(W, T, K)` again, with fresh noise and the same latent torque."""
         moved = self.sample_states(self.experiment.y - signals, theta, rng)[1]
         return self.noise.draw(signals + moved, theta[:, self.noise_columns], rng)
 
@@ -446,9 +435,8 @@ class LatentTorqueObservation(Observation):
         moved, kernel_arguments = self._moved(at), self._kernel_arguments(at.theta, at.full)
         turned = moved[..., len(self.unknowns) :]
         signals, shifts = self.response.course(self.simulator_parameters(at.full), turned)
-        yield self._slopes(
-            np.nan_to_num(self.experiment.y - signals), -shifts, kernel_arguments, moved
-        )
+        residuals = np.nan_to_num(self.experiment.y - signals)
+        yield self._slopes(residuals, -shifts, kernel_arguments, moved)
 
     def _moved(self, at: Directions) -> Array:
         """Return slopes of the kernels' arguments `(W, q, n + P)` along the directions."""
@@ -482,22 +470,16 @@ class LatentTorqueObservation(Observation):
     def _filtered(self, residuals: Dual, kernel_arguments: Dual) -> tuple[Array, ...]:
         """Return whitened residuals, their slopes, variances of innovations, and their slopes."""
         arguments = (self._of_process, self.noise.scales)
-        process, scales = (affine_map(each, kernel_arguments) for each in arguments)
+        numbers = [*(affine_map(each, kernel_arguments) for each in arguments), residuals]
         with np.errstate(all="ignore"):
-            return self.kalman_filter.slopes(
-                (process.value, process.slope),
-                (scales.value, scales.slope),
-                (residuals.value, residuals.slope),
-            )
+            return self.kalman_filter.slopes(*((each.value, each.slope) for each in numbers))
 
     def scores(self, at: Directions, slopes: Array) -> Array:
-        """Return slopes `(q, T, K)` of `pointwise`, see `Observation.scores`."""
         count = len(slopes)
         samples = np.nan_to_num(self.residuals(at.full).samples).repeat(count, axis=0)
         arguments = self._kernel_arguments(at.theta, at.full).repeat(count, axis=0)
-        white, change, variance, wider = self._filtered(
-            Dual(samples, -slopes), Dual(arguments, self._moved(at)[0])
-        )
+        moved = Dual(arguments, self._moved(at)[0])
+        white, change, variance, wider = self._filtered(Dual(samples, -slopes), moved)
         return np.asarray(-white * change - 0.5 * wider / variance)
 
     def expected(self, theta: Array) -> Array:

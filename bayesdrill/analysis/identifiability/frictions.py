@@ -206,13 +206,12 @@ class _FrictionStudy:
             names = [parameter for parameter in (at.static, scale) if parameter in self.names]
             speed, deeds = float(self.rig.get(scale, np.nan)), self._excitation({*names})
             spreads = dict(zip(self.names, self.sensitivity.prior_spreads, strict=True))
-            lost = [n for n in names if self._sd(n, self.known) > LOST_SHARE * spreads[n]]
+            lost = tuple(n for n in names if self._sd(n, self.known) > LOST_SHARE * spreads[n])
             if not lost or deeds is None or deeds.stuck > 0:
                 continue
             if not deeds.slowest < STICTION_GONE_SPEEDS * speed:
-                yield UnseenStiction(
-                    names=tuple(lost), scale=speed, deeds=deeds, proposals=self._proposals(lost[0])
-                )
+                proposed = self._proposals(lost[0])
+                yield UnseenStiction(names=lost, scale=speed, deeds=deeds, proposals=proposed)
 
     def _excitation(self, parameters: set[str]) -> Excitation | None:
         """Return the excitation of the frictions with any of these parameters; None without any."""
