@@ -96,8 +96,7 @@ class RankBand:
 
     def holds(self, ranks: Counts) -> bool:
         """Return whether all `ranks (n,)` stay inside."""
-        counts = self.counts(ranks)
-        return bool(np.all((counts >= self.low) & (counts <= self.high)))
+        return self.reach(ranks) <= 1.0
 
 
 @functools.cache

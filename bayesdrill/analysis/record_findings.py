@@ -31,7 +31,9 @@ def findings_of_record(
 ) -> Iterator[Finding]:
     """Yield findings on one record of a rig whose `unknowns` have these names."""
     columns = [*zip(experiment.channels, experiment.y.T, strict=True)]
-    still = [channel.name for channel, y in columns if _is_still(y)]
+    measured = {channel.name: y[~np.isnan(y)] for channel, y in columns}
+    judged = {name: y for name, y in measured.items() if len(y) >= MIN_SAMPLES}
+    still = [name for name, y in judged.items() if float(np.ptp(y)) < SMALLEST_RANGE]
     if len(still) == len(columns):
         yield Finding("nothing moved", {"channels": ", ".join(still)})
         return
@@ -45,11 +47,6 @@ def findings_of_record(
         if driven is not None and driven[1] != "speed":
             moving = [(channel, y) for channel, y in columns if channel.name not in still]
             yield from _motion(name, driven[0], moving, experiment, model, unknowns)
-
-
-def _is_still(y: Array) -> bool:
-    known = y[~np.isnan(y)]
-    return len(known) >= MIN_SAMPLES and float(np.ptp(known)) < SMALLEST_RANGE
 
 
 def _odd_cells(name: str, y: Array) -> Iterator[Finding]:

@@ -94,22 +94,17 @@ def bits_gained(logs: Array, prior_logs: Array) -> float:
     The entropy of the posterior is estimated by spacings of its sorted draws (Ebrahimi), and the
     density of the prior by bins of equal mass.  A negative estimate is due to chance, and set to 0.
     """
-    edges = np.quantile(prior_logs, np.linspace(0.0, 1.0, PRIOR_BINS + 1))
-    log_density = -math.log(PRIOR_BINS) - np.log(np.maximum(np.diff(edges), 1e-300))
-    bins = np.clip(np.searchsorted(edges, logs) - 1, 0, PRIOR_BINS - 1)
-    return max(0.0, (-_entropy(logs) - float(log_density[bins].mean())) / math.log(2.0))
-
-
-def _entropy(logs: Array) -> float:
-    """Return the entropy in nats; of the distinct values if a stuck walker repeats one often."""
     from scipy.stats import differential_entropy  # imported here, as loading takes half a second
 
     sd = float(logs.std()) or 1e-300
     with np.errstate(divide="ignore"):
         entropy = float(differential_entropy(logs / sd, method="ebrahimi"))
-    if not np.isfinite(entropy):
+    if not np.isfinite(entropy):  # a stuck walker repeats a value often
         entropy = float(differential_entropy(np.unique(logs) / sd, method="ebrahimi"))
-    return entropy + math.log(sd)
+    edges = np.quantile(prior_logs, np.linspace(0.0, 1.0, PRIOR_BINS + 1))
+    log_density = -math.log(PRIOR_BINS) - np.log(np.maximum(np.diff(edges), 1e-300))
+    bins = np.clip(np.searchsorted(edges, logs) - 1, 0, PRIOR_BINS - 1)
+    return max(0.0, (-(entropy + math.log(sd)) - float(log_density[bins].mean())) / math.log(2.0))
 
 
 Says = Literal[
@@ -382,19 +377,16 @@ def _combined(logs: Array, exponents: Exponents) -> Array:
 def reconciled(rows: Sequence[ParameterRow], verdict: Verdict) -> tuple[ParameterRow, ...]:
     """Return `rows` with the words of the verdict, which knows what priors of others determine."""
     judged = {verdict.names[q.exponents.index(1)]: q for q in verdict.parameters}
-    return tuple(
-        dataclasses.replace(row, word=_word(row, judged[row.name])) if row.name in judged else row
-        for row in rows
-    )
+    words = ((row, _word(row.word, judged.get(row.name))) for row in rows)
+    return tuple(dataclasses.replace(row, word=word) for row, word in words)
 
 
-def _word(row: ParameterRow, quantity: Quantity) -> Word:
-    match quantity.says:
-        case "agrees" | "disagrees" | "in doubt":
-            return "determined"
-        case "not determined" if row.word == "determined":
-            return "through others" if quantity.blind else "weak"
-    return row.word
+def _word(word: Word, quantity: Quantity | None) -> Word:
+    if quantity is not None and quantity.says in JUDGED:
+        return "determined"
+    if quantity is not None and quantity.says == "not determined" and word == "determined":
+        return "through others" if quantity.blind else "weak"
+    return word
 
 
 def conclude(

@@ -48,7 +48,8 @@ class Likelihood:
         with np.errstate(all="ignore"):
             full = self.space.full(theta)
             parts = [each.by_channel(full, theta) for each in self.observations]
-            return _concatenated(parts).sum(axis=-1)
+            together = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
+            return together.sum(axis=-1)
 
     @property
     def n_measured(self) -> int:
@@ -58,8 +59,8 @@ class Likelihood:
     def mean_square(self, theta: Array) -> Array:
         """Return the mean squared residual over the noise variance `(W,)`, which is 1 for noise."""
         full = self.space.full(theta)
-        squares = _concatenated([each.weighted_squares(full, theta) for each in self.observations])
-        return np.asarray(squares.sum(axis=-1) / self.n_measured)
+        squares = [each.weighted_squares(full, theta) for each in self.observations]
+        return np.asarray(np.hstack(squares).sum(axis=-1) / self.n_measured)
 
     def all_signals(self, theta: Array) -> list[Array]:
         """Return the signals `(W, T, K)` of each observation."""
@@ -177,10 +178,6 @@ def _with_unknowns(space: ParameterSpace, new: Sequence[Unknown]) -> ParameterSp
         unknowns=(*old[:rig], *of_rig, *old[rig:moving], *others, *old[moving:]),
         fixed={name: value for name, value in space.fixed.items() if name not in names},
     )
-
-
-def _concatenated(parts: list[Array]) -> Array:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
 
 
 @dataclass(frozen=True, slots=True)

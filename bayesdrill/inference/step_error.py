@@ -107,7 +107,12 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
 
 def choose_steps(posterior: Posterior, theta: Array, most: int = MAX_CHOSEN_PIECES) -> Posterior:
     """Return the posterior with the fastest steps, up to `most`, that suffice about `theta (D,)`."""
-    points = _points_around(posterior, theta)
+    # At one point alone, errors may be small by coincidence.
+    relative = np.random.default_rng(0).uniform(-SCATTER, SCATTER, (N_POINTS, len(theta)))
+    relative[0] = 0.0
+    bounds = [(prior.low, prior.high) for prior in posterior.space.priors.values()]
+    low, high = np.array(bounds).reshape(-1, 2).T
+    points = np.clip(theta * (1.0 + relative), low, high)
     full = posterior.likelihood.space.full(points)
     candidates = [(pieces, turns) for pieces, turns in CANDIDATE_STEPS if pieces <= most]
     return posterior.with_simulators(lambda each: _fine_enough(each, candidates, full, points))
@@ -132,16 +137,6 @@ def with_steps(posterior: Posterior, steps: Mapping[str, StepSizes]) -> Posterio
         return response.with_substeps(*size, adaptive=True)
 
     return posterior.with_simulators(simulator_of)
-
-
-def _points_around(posterior: Posterior, theta: Array) -> Array:
-    """Return points about `theta`, the first: at one alone, errors may be small by coincidence."""
-    rng = np.random.default_rng(0)
-    relative = rng.uniform(-SCATTER, SCATTER, (N_POINTS, len(theta)))
-    relative[0] = 0.0
-    bounds = [(prior.low, prior.high) for prior in posterior.space.priors.values()]
-    low, high = np.array(bounds).reshape(-1, 2).T
-    return np.clip(theta * (1.0 + relative), low, high)
 
 
 def _fine_enough(
