@@ -21,7 +21,6 @@ from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.likelihood import LatentTorqueObservation, Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.record.experiment import with_states
 from bayesdrill.rig.models.latent_torque import TORQUE, LoadedModel, TorqueLocation
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import ROTARY, InertiaRoles
@@ -129,10 +128,8 @@ def _estimate(
 ) -> TorqueEstimate:
     torque = observation.torque
     assert torque is not None
-    experiment, response = observation.experiment, observation.response
-    shown = with_states(experiment, response.model.states, alone=True)
-    signals = observation.signals(full)  # without the torque, as is the motion
-    motion = response.of(shown).signals(observation.simulator_parameters(full))
+    experiment = observation.experiment
+    signals, motion = observation.signals(full), observation.states(full)  # without the torque
     residuals = experiment.y - signals
     smooth = torque.smooth(residuals, draws)
     drawn, _ = torque.sample_states(residuals, draws, rng)

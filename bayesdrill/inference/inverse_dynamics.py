@@ -89,8 +89,7 @@ def _motion(observation: Observation) -> Callable[[Array], Array] | None:
     left = {row: -slopes @ states[row] for row in model.states if row not in kinematics}
 
     def misfits(full: Array) -> Array:
-        parameters = observation.simulator_parameters(full)[0].tolist()
-        p = dict(zip(model.parameters, parameters, strict=False))
+        p = {name: float(x[0]) for name, x in observation.rig_parameters(full).items()}
         acting = {**states, **inputs}
         for friction in model.frictions:
             speed = states[friction.against]

@@ -27,7 +27,7 @@ from bayesdrill.inference.unknowns import (
     directional_curvature,
     directional_slope,
 )
-from bayesdrill.record.experiment import Experiment
+from bayesdrill.record.experiment import Experiment, with_states
 from bayesdrill.rig.models.latent_torque import SIZE, TIME, MissingTorque
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators import exact_reason, simulator
@@ -87,6 +87,16 @@ class Observation:
     def named(self, names: Sequence[str]) -> dict[str, str]:
         """Map `names` of the simulator's first parameters to their names in the space."""
         return dict(zip(names, self.parameters, strict=False))
+
+    def rig_parameters(self, full: Array) -> dict[str, Array]:
+        """Return the rig's parameters, each `(W,)`, by name."""
+        columns = self.simulator_parameters(full).T
+        return dict(zip(self.response.model.parameters, columns, strict=False))
+
+    def states(self, full: Array) -> Array:
+        """Return all states of the rig at the samples, without a missing torque, `(W, T, X)`."""
+        shown = with_states(self.experiment, self.response.model.states, alone=True)
+        return self.response.of(shown).signals(self.simulator_parameters(full))
 
     def residuals(self, full: Array) -> SimulatorResiduals:
         """Return the residuals at parameters `full`."""

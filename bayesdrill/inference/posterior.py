@@ -77,9 +77,7 @@ class Likelihood:
 
     def rig_parameters(self, theta: Array) -> dict[str, Array]:
         """Return the rig's parameters in the first observation, each `(W,)`, by name."""
-        first = self.observations[0]
-        columns = first.simulator_parameters(self.space.full(theta)).T
-        return dict(zip(first.response.model.parameters, columns, strict=False))
+        return self.observations[0].rig_parameters(self.space.full(theta))
 
     @property
     def only_observation(self) -> Observation:
