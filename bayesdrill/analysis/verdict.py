@@ -306,27 +306,32 @@ class _TableComparison:
         ends = np.array(exponents)[:, None] * self.ends  # tolerance of each factor
         low, high = float(ends.min(axis=1).sum()), float(ends.max(axis=1).sum())
         sigmas = tension(logs, low, high)
-        x = nominal * np.exp(logs)
-        factors = np.flatnonzero(exponents)
-        alone = len(factors) == 1
         return Quantity(
             exponents=exponents,
             nominal=nominal,
             tolerance=(math.expm1(low), math.expm1(high)),
-            **estimate(x, nominal),
+            **estimate(nominal * np.exp(logs), nominal),
             tension=sigmas,
             beyond=float(np.mean((logs < low) | (logs > high))) if high > low else None,
             sd_ratio=self._sd_ratio(exponents),
             bits=bits_gained(logs, _combined(self.prior_logs, exponents)),
             blind=self._blind(exponents),
-            says=_says(
-                cut=bool(alone and self.cut[factors[0]]) or (shown and self.cuts([exponents])),
-                crowded=bool(alone and self.pressed[factors[0]]),
-                shown=shown,
-                far=sigmas > limit,
-                fits=self.fits,
-            ),
+            says=self._says(exponents, shown=shown, far=sigmas > limit),
         )
+
+    def _says(self, exponents: Exponents, *, shown: bool, far: bool) -> Says:
+        factors = np.flatnonzero(exponents)
+        alone = factors if len(factors) == 1 else factors[:0]
+        cut = self.cut[alone].any() or (shown and self.cuts([exponents]))
+        if cut:
+            return "cannot judge"
+        if self.pressed[alone].any():
+            return "pressed against the prior"
+        if not shown:
+            return "not determined"
+        if not far:
+            return "agrees"
+        return "disagrees" if self.fits else "in doubt"
 
     def joint(self, products: list[Exponents]) -> float | None:
         if len(products) < 2 or self.cuts(products):
@@ -354,18 +359,6 @@ class _TableComparison:
     def _sd_ratio(self, exponents: Exponents) -> float:
         before = _combined(self.prior_logs, exponents)
         return float(_combined(self.logs, exponents).std() / before.std())
-
-
-def _says(*, cut: bool, crowded: bool, shown: bool, far: bool, fits: bool) -> Says:
-    if cut:
-        return "cannot judge"
-    if crowded:
-        return "pressed against the prior"
-    if not shown:
-        return "not determined"
-    if not far:
-        return "agrees"
-    return "disagrees" if fits else "in doubt"
 
 
 def _combined(logs: Array, exponents: Exponents) -> Array:
