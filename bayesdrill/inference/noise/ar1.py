@@ -308,8 +308,8 @@ class AR1:
 
     @property
     def _channels(self) -> tuple[ChannelSpacing, ...]:
-        even = even_spacing(self.levels.n_samples, self.levels.n_channels)
-        return (self.spacing or even).channels
+        spacing = self.spacing or even_spacing(self.levels.n_samples, self.levels.n_channels)
+        return spacing.channels
 
     def _pairs(self, rho: Array) -> Array:
         """Return the information `(W, K, 2, 2)` on the log of sigma and on rho."""
