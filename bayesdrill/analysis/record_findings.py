@@ -39,13 +39,12 @@ def findings_of_record(
         return
     for name in still:
         yield Finding("still channel", {"channel": name})
-    for channel, y in columns:
-        if channel.name not in still:
-            yield from _odd_cells(channel.name, y)
+    moving = [(channel, y) for channel, y in columns if channel.name not in still]
+    for channel, y in moving:
+        yield from _odd_cells(channel.name, y)
     for name in sorted({*experiment.series} | {*experiment.constant}):
         driven = model.roles.moved(name)
         if driven is not None and driven[1] != "speed":
-            moving = [(channel, y) for channel, y in columns if channel.name not in still]
             yield from _motion(name, driven[0], moving, experiment, model, unknowns)
 
 

@@ -151,8 +151,8 @@ def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVa
         if any(each.constant.get(name, 0.0) or name in each.series for each in experiments):
             typical = float(np.mean([typical_inputs(each)[name] for each in experiments]))
             size = f"{OTHER_DRIVE * typical:.3g} {rig.symbols[name].plain_unit}"
-            what = f"another experiment at {size}"
-            yield what, DesignVariant(times={name: OTHER_DRIVE}, beside=True)
+            other = DesignVariant(times={name: OTHER_DRIVE}, beside=True)
+            yield f"another experiment at {size}", other
 
 
 def _more_channels(
