@@ -177,11 +177,8 @@ class _ExtendedExperiment:
         The result of the last point with the inputs of the record is kept, as it is used repeatedly.
         """
         at = [self._one.simulator_parameters(parameters) for parameters in (full, along)]
-        point, response, changed = (
-            b"".join(map(bytes, at)),
-            self._response,
-            scene.late or scene.times,
-        )
+        point, response = b"".join(map(bytes, at)), self._response
+        changed = bool(scene.late or scene.times)
         if changed:
             pushed = {}
             for name, u in self.base.items():

@@ -130,11 +130,13 @@ def _added_inertias(
         symbol = inertia.inertia
         if symbol not in names or symbol in tied:
             continue
-        column, k = space.free.index(symbol), [names.index(symbol)]
+        column, place = space.free.index(symbol), [names.index(symbol)]
         heavier = theta.copy()
         heavier[column] *= 1.0 + ADDED_SHARE
         rows = sensitivity.sensitivities(heavier)
-        rows[:, k] = total = rows[:, k] / (1.0 + ADDED_SHARE)  # d / d log(j + J) per d log j
+        rows[:, place] = total = rows[:, place] / (
+            1.0 + ADDED_SHARE
+        )  # d / d log(j + J) per d log j
         weighed = np.append(np.zeros(len(names)), 1.0 / WEIGHED_TO)
         both = np.vstack([np.hstack([rows, ADDED_SHARE * total]), weighed])
         root = root_of(np.vstack([now.root, project_out(both, len(names))]))
