@@ -134,9 +134,8 @@ def _added_inertias(
         heavier = theta.copy()
         heavier[column] *= 1.0 + ADDED_SHARE
         rows = sensitivity.sensitivities(heavier)
-        rows[:, place] = total = rows[:, place] / (
-            1.0 + ADDED_SHARE
-        )  # d / d log(j + J) per d log j
+        total = rows[:, place] / (1.0 + ADDED_SHARE)  # d / d log(j + J) per d log j
+        rows[:, place] = total
         weighed = np.append(np.zeros(len(names)), 1.0 / WEIGHED_TO)
         both = np.vstack([np.hstack([rows, ADDED_SHARE * total]), weighed])
         root = root_of(np.vstack([now.root, project_out(both, len(names))]))
