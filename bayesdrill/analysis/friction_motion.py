@@ -113,7 +113,7 @@ def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Arra
     one_way = largest * np.geomspace(SMALLEST_SPEED, 1.0, CURVE_POINTS)
     speeds = np.concatenate([-one_way[::-1], [0.0], one_way])
     arguments = observation.simulator_parameters(full)
-    p = {name: x[:, None] for name, x in observation.rig_parameters(full).items()}
+    p = {name: arguments[:, k, None] for k, name in enumerate(rig.model.parameters)}
     seen = {**_law_inputs(rig, friction, arguments[:1]), DIRECTION: np.sign(speeds)}
     sizes = friction.law.size(p, np.abs(speeds), seen)
     signed = np.broadcast_to(sizes, (len(arguments), len(speeds))) * np.sign(speeds)
