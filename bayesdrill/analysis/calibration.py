@@ -96,8 +96,7 @@ class RankBand:
 
     def holds(self, ranks: Counts) -> bool:
         """Return whether all `ranks (n,)` stay inside."""
-        counts = self.counts(ranks)
-        return bool(np.all((counts >= self.low) & (counts <= self.high)))
+        return self.reach(ranks) <= 1.0
 
 
 @functools.cache
@@ -205,9 +204,8 @@ def refit(study: CalibrationStudy, index: int) -> Refit:
     begun = time.perf_counter()
     rng = seeds.stream(study.plan.chains.seed, "calibrate", index)
     theta, posterior = _simulated(study.posterior, rng)
-    seed = int(rng.integers(2**32))
+    chains = dataclasses.replace(study.plan.chains, seed=int(rng.integers(2**32)))
     truth = np.array([*theta, posterior.likelihood(theta[None])[0]])
-    chains = dataclasses.replace(study.plan.chains, seed=seed)
     ranks: tuple[int, ...] = ()
     r_hat, ess, steps = np.inf, 0.0, 0
     try:
@@ -301,22 +299,18 @@ class CalibrationVerdict:
     @cached_property
     def faults(self) -> tuple[Finding, ...]:
         """Return faults that chance does not explain, the worst first."""
-        ranks = (
+        faults = [
             Finding("ranks outside the band", {"quantity": each.name, "shape": each.shape or ""})
             for each in sorted(self.quantities, key=lambda q: -q.reach)
             if not each.holds
-        )
-        intervals = (
-            Finding(
-                "intervals of a wrong share",
-                {"quantity": quantity.name},
-                {"percent": 100 * interval.share, "inside": 100 * interval.inside / self.band.n},
-            )
-            for quantity in self.quantities
-            for interval in quantity.intervals
-            if not interval.holds
-        )
-        return (*ranks, *intervals)
+        ]
+        for quantity in self.quantities:
+            for interval in (each for each in quantity.intervals if not each.holds):
+                inside = 100 * interval.inside / self.band.n
+                numbers = {"percent": 100 * interval.share, "inside": inside}
+                name = {"quantity": quantity.name}
+                faults.append(Finding("intervals of a wrong share", name, numbers))
+        return tuple(faults)
 
     @cached_property
     def doubts(self) -> tuple[Finding, ...]:
@@ -339,11 +333,10 @@ def judge_calibration(
     ranked = [refit for refit in refits if refit.ranks]
     table = np.array([refit.ranks for refit in ranked], dtype=np.int64).reshape(-1, len(names))
     band = ecdf_band(len(ranked), n_draws, 0.5 * FALSE_ALARM / len(names))
-    n_unknown = len(names) - 1
-
-    def judged(name: str, ranks: Counts, *, unknown: bool) -> RankedQuantity:
-        holds = band.holds(ranks)
-        return RankedQuantity(
+    n_unknown, quantities = len(names) - 1, []
+    for k, (name, ranks) in enumerate(zip(names, table.T, strict=True)):
+        holds, unknown = band.holds(ranks), k < n_unknown
+        quantity = RankedQuantity(
             name=name,
             ranks=ranks,
             reach=band.reach(ranks),
@@ -351,13 +344,11 @@ def judge_calibration(
             shape=shape(ranks, n_draws, of_fit=not unknown) if len(ranks) and not holds else None,
             intervals=_intervals(ranks, n_draws, n_unknown) if unknown else (),
         )
-
+        quantities.append(quantity)
     return CalibrationVerdict(
         n_draws=n_draws,
         band=band,
-        quantities=tuple(
-            judged(name, table[:, k], unknown=k < n_unknown) for k, name in enumerate(names)
-        ),
+        quantities=tuple(quantities),
         refits=len(refits),
         not_converged=tuple(refit.index for refit in refits if not refit.converged),
         lost=tuple(refit.index for refit in refits if not refit.ranks),

@@ -205,7 +205,15 @@ def decide(models: Sequence[RunSummary]) -> ModelDecision:
     }
     error = MAX_CHANCE_SE * math.hypot(top.evidence.error, first.evidence.error)
     word = _word(top, first, gain) if gain["first"] > SURE_LOG_ODDS + error else "neither"
-    return ModelDecision(word=word, first=0, best=best, gain=gain, vague=_vague(models, top))
+    # Models slightly worse than the best may have lost by wide priors that it does not have.
+    close = [model for model in models if 0.0 < top.log_z - model.log_z < MAX_LOG_ODDS_OF_PRIORS]
+    vague = {
+        prior.name: None
+        for model in close
+        for prior in model.vague
+        if model.beliefs[prior.name] != top.beliefs.get(prior.name)
+    }
+    return ModelDecision(word=word, first=0, best=best, gain=gain, vague=tuple(vague))
 
 
 def _word(top: RunSummary, first: RunSummary, gain: Mapping[str, float]) -> Word:
@@ -216,18 +224,6 @@ def _word(top: RunSummary, first: RunSummary, gain: Mapping[str, float]) -> Word
     if model and noise:
         return "both"
     return "model" if model else "noise" if noise else "either"
-
-
-def _vague(models: Sequence[RunSummary], top: RunSummary) -> tuple[str, ...]:
-    """Return unknowns with wide priors that models slightly worse than the best have, but not it."""
-    close = [model for model in models if 0.0 < top.log_z - model.log_z < MAX_LOG_ODDS_OF_PRIORS]
-    names = [
-        prior.name
-        for model in close
-        for prior in model.vague
-        if model.beliefs[prior.name] != top.beliefs.get(prior.name)
-    ]
-    return tuple(dict.fromkeys(names))
 
 
 def probabilities(models: Sequence[RunSummary]) -> tuple[float, ...]:

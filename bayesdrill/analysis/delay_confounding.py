@@ -59,8 +59,7 @@ def _time_constants(
 ) -> list[tuple[float, Array]]:
     """Return time constants [s], and the slopes `(D,)` of their logs along the rows of `moves`."""
     full = posterior.space.full(np.vstack([theta, theta + moves]))
-    model, values = observation.response.model, observation.simulator_parameters(full).T
-    every = poles(model, dict(zip(model.parameters, values, strict=False)))
+    every = poles(observation.response.model, observation.rig_parameters(full))
     constants = []
     for pole in every[0]:
         if pole.real < 0 and abs(pole.imag) < 1e-9 * abs(pole):

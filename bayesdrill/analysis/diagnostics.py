@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.inference import laplace
-from bayesdrill.inference.derived import hdi, product_name
+from bayesdrill.inference.derived import estimate, product_name
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.priors import Prior, prior_sd
 from bayesdrill.sampling.convergence import Convergence, thinned
@@ -65,27 +65,22 @@ def summarise(
     for d, symbol in enumerate(problem.symbols):
         x = draws[..., d].ravel()
         nominal = problem.nominal.get(symbol.name)
-        mean, sd = float(x.mean()), float(x.std(ddof=1))
-        low, high = hdi(x)
+        of_draws = estimate(x, nominal)
         prior = problem.posterior.space.priors[symbol.name]
-        shrinkage = 1.0 - sd / prior_sd(prior)
+        shrinkage = 1.0 - of_draws["sd"] / prior_sd(prior)
         rows.append(
             ParameterRow(
                 name=symbol.name,
                 unit=symbol.unit,
                 nominal=nominal,
                 map=mode.values[symbol.name],
-                mean=mean,
-                sd=sd,
-                hdi_low=low,
-                hdi_high=high,
-                deviation=None if nominal is None else mean / nominal - 1.0,
                 r_hat=float(convergence.r_hat[d]),
                 ess_bulk=float(convergence.ess_bulk[d]),
                 ess_tail=float(convergence.ess_tail[d]),
                 shrinkage=shrinkage,
                 word=_word(shrinkage, distance_to_prior(x, prior)),
                 pressed_against=pressed_against(x, prior),
+                **of_draws,
             )
         )
     return tuple(rows)
@@ -157,15 +152,11 @@ def end_at_nominal(x: Array, prior: Prior, nominal: float) -> float | None:
             return end
         probability = NEAR_END_MASS if sign > 0 else 1.0 - NEAR_END_MASS
         is_near = sign * (nominal - float(prior.quantile(np.array(probability)))) <= 0
-        if is_near and _cuts_off_a_tail(end, x, sign):
-            return end
+        if is_near:
+            tails = np.quantile(sign * np.log(x), [THREE_SIGMA_TAIL, TWO_SIGMA_TAIL])
+            if tails[0] - sign * math.log(end) < tails[1] - tails[0]:
+                return end
     return None
-
-
-def _cuts_off_a_tail(end: float, x: Array, sign: float) -> bool:
-    logs = sign * np.log(x)
-    at_three, at_two = np.quantile(logs, [THREE_SIGMA_TAIL, TWO_SIGMA_TAIL])
-    return bool(at_three - sign * math.log(end) < at_two - at_three)
 
 
 MIN_EXPLAINED = 0.8  # share of the variance of ranks that other unknowns have to explain

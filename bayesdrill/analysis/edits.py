@@ -17,7 +17,6 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
-from bayesdrill.record.experiment import with_states
 from bayesdrill.rig.models.friction import DIRECTION
 from bayesdrill.rig.models.linear import Linear, Model, with_named
 from bayesdrill.rig.models.roles import GEAR_POWERS, Roles
@@ -80,15 +79,12 @@ def rig_candidates(
 
 def rig_parameters(observation: Observation, full: Array) -> dict[str, float]:
     """Return the rig's parameters by name, at all parameters `full (1, P)`."""
-    names = observation.response.model.parameters
-    return dict(zip(names, observation.simulator_parameters(full)[0].tolist(), strict=False))
+    return {name: float(x[0]) for name, x in observation.rig_parameters(full).items()}
 
 
 def state_motion(observation: Observation, full: Array) -> Array:
     """Return all states `(T, X)` at the samples, at all parameters `full (1, P)`."""
-    response = observation.response
-    shown = with_states(observation.experiment, response.model.states, alone=True)
-    return np.asarray(response.of(shown).signals(observation.simulator_parameters(full))[0])
+    return np.asarray(observation.states(full)[0])
 
 
 def measured_motion(observation: Observation, full: Array) -> Array:
@@ -144,11 +140,10 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[s
 def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
     """Return the posterior with parameters that the rig lacks as unknowns, sought from `theta (D,)`."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space.full(theta[None]))
-    symbols = [Symbol(name, "", "", "", "") for name in sizes]
-    free = [
-        Unknown(symbol=symbol, role="sensor", prior=Uniform(0.0, sizes[symbol.name]), start=0.0)
-        for symbol in symbols
-    ]
+    free = []
+    for name, size in sizes.items():
+        symbol, prior = Symbol(name, "", "", "", ""), Uniform(0.0, size)
+        free.append(Unknown(symbol=symbol, role="sensor", prior=prior, start=0.0))
 
     def convert(observation: Observation) -> Observation:
         response = observation.response

@@ -37,12 +37,6 @@ class FrictionMotion:
     gear: float
 
     @property
-    def stuck(self) -> float:
-        """Return the share of the time in which it sticks."""
-        steps = np.diff(self.t)
-        return float(steps[self.sticks[:-1]].sum() / steps.sum())
-
-    @property
     def intervals(self) -> tuple[tuple[float, float], ...]:
         """Return the intervals in which it sticks, as pairs of times [s]."""
         edges = np.diff(np.concatenate([[0], self.sticks.astype(int), [0]]))

@@ -21,7 +21,6 @@ from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.likelihood import LatentTorqueObservation, Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.record.experiment import with_states
 from bayesdrill.rig.models.latent_torque import TORQUE, LoadedModel, TorqueLocation
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import ROTARY, InertiaRoles
@@ -129,10 +128,8 @@ def _estimate(
 ) -> TorqueEstimate:
     torque = observation.torque
     assert torque is not None
-    experiment, response = observation.experiment, observation.response
-    shown = with_states(experiment, response.model.states, alone=True)
-    signals = observation.signals(full)  # without the torque, as is the motion
-    motion = response.of(shown).signals(observation.simulator_parameters(full))
+    experiment = observation.experiment
+    signals, motion = observation.signals(full), observation.states(full)  # without the torque
     residuals = experiment.y - signals
     smooth = torque.smooth(residuals, draws)
     drawn, _ = torque.sample_states(residuals, draws, rng)
@@ -185,16 +182,11 @@ def _nonlinear_error(
     assert observation.torque is not None  # the caller estimates it
     if response.model.smooth:
         return np.full(len(experiment.channels), np.nan)
-    input_torque = (
-        torque if experiment.first_order else 0.5 * (torque + np.append(torque[1:], torque[-1]))
-    )
-    loaded = simulator(
-        LoadedModel(response.model, observation.torque.kalman_filter.torque),
-        dataclasses.replace(experiment, series={**experiment.series, TORQUE: input_torque}),
-        response.sensing,
-        *(response.stepping or ()),
-    )
-    signals = loaded.signals(observation.simulator_parameters(full))[0]
+    held = torque if experiment.first_order else 0.5 * (torque + np.append(torque[1:], torque[-1]))
+    loaded = LoadedModel(response.model, observation.torque.kalman_filter.torque)
+    record = dataclasses.replace(experiment, series={**experiment.series, TORQUE: held})
+    pushed = simulator(loaded, record, response.sensing, *(response.stepping or ()))
+    signals = pushed.signals(observation.simulator_parameters(full))[0]
     errors = (signals - linear) / observation.scales(theta)[0]
     return np.sqrt(np.nanmean(np.where(experiment.seen, errors, np.nan) ** 2, axis=0))
 
@@ -256,12 +248,9 @@ def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
     alone = [1.0 - _residual_squares(torque, rows) / total for _, _, rows in regressors]
     selected: list[int] = []
     remaining, rows = total, np.empty((len(torque), 0))
-    while len(selected) < len(regressors):
-        squares = {
-            k: _residual_squares(torque, np.column_stack([rows, new]))
-            for k, (_, _, new) in enumerate(regressors)
-            if k not in selected
-        }
+    while others := [k for k in range(len(regressors)) if k not in selected]:
+        joint = [np.column_stack([rows, regressors[k][2]]) for k in others]
+        squares = {k: _residual_squares(torque, x) for k, x in zip(others, joint, strict=True)}
         best = min(squares, key=lambda k: squares[k])
         if remaining - squares[best] < max(MIN_SHARE_OF_REST * remaining, MIN_SHARE * total):
             break
@@ -276,9 +265,8 @@ def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
         ends = np.cumsum([regressors[k][2].shape[1] for k in selected])[:-1]
         for k, sizes in zip(selected, np.split(weights, ends), strict=True):
             size = sizes[0] if len(sizes) == 1 else np.linalg.norm(sizes, axis=0)
-            regressions[k] = dataclasses.replace(
-                regressions[k], taken=True, size=float(size.mean()), sd=float(size.std())
-            )
+            mean, sd = float(size.mean()), float(size.std())
+            regressions[k] = dataclasses.replace(regressions[k], taken=True, size=mean, sd=sd)
     others = sorted({*range(len(alone))} - {*selected}, key=lambda k: -alone[k])
     return tuple(regressions[k] for k in (*selected, *others))
 

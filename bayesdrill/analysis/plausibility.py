@@ -6,9 +6,8 @@ No finding is an error; `report.findings` has the sentences.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,21 +108,18 @@ def plausibility_of_draws(
 
 def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
     """Yield frictions that drive, and servos that saturate, in the motion at `theta (D,)`."""
-    motions, p = cache(partial(sensitivity.motions, theta)), sensitivity.rig_at(theta)
-    yield from _driving_frictions(sensitivity, p, motions)
-    yield from _saturations(sensitivity, p, motions)
+    yield from _driving_frictions(sensitivity, theta)
+    yield from _saturations(sensitivity, theta)
 
 
-def _saturations(
-    sensitivity: SensitivityStudy, p: Mapping[str, float], motions: Callable[[], list[Array]]
-) -> Iterator[Finding]:
+def _saturations(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
     """Yield the share of samples in which servos are at their limits, or need more than the supply."""
-    model = sensitivity.model
+    model, p = sensitivity.model, sensitivity.rig_at(theta)
     records = [each.experiment for each in sensitivity.likelihood.observations]
     for motor in (motor for motor in model.roles.motors if motor.goal):
         inertia, gain = model.roles.inertia(motor.inertia), p.get(motor.proportional, 1.0)
         largest, beyond = p.get(motor.limit, 1.0), list[Array]()
-        for record, motion in zip(records, motions(), strict=True):
+        for record, motion in zip(records, sensitivity.motions(theta), strict=True):
             x = dict(zip(model.states, motion.T, strict=True))
             goal = record.series.get(motor.goal, record.constant.get(motor.goal, 0.0))
             if (servo := model.saturation) is not None and servo.goal == motor.goal:
@@ -140,17 +136,15 @@ def _saturations(
             yield Finding("servo beyond its supply", names, {"percent": 100 * share})
 
 
-def _driving_frictions(
-    sensitivity: SensitivityStudy, p: Mapping[str, float], motions: Callable[[], list[Array]]
-) -> Iterator[Finding]:
-    """Yield frictions that drive instead of braking in the `motions` with rig parameters `p`."""
-    rig = sensitivity.model
+def _driving_frictions(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
+    """Yield frictions that drive instead of braking in the motion."""
+    rig, p = sensitivity.model, sensitivity.rig_at(theta)
     for inertia in rig.roles.inertias:
         if inertia.friction not in p or inertia.speed not in sensitivity.states:
             continue
         column, moves = sensitivity.states.index(inertia.speed), rig.roles.motion.moves
         forwards = np.sign(p[inertia.friction] * inertia.reduction)
-        speeds = [motion[:, column] for motion in motions()]
+        speeds = [motion[:, column] for motion in sensitivity.motions(theta)]
         other_way = [forwards * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
         share = float(np.mean(np.concatenate(other_way)))
         if share > FEW:
@@ -177,12 +171,8 @@ def _energy_of_nominal(values: Mapping[str, float], model: Model) -> Iterator[Fi
     for k_T, k_e in _constants(values, model):
         ratio = values[k_T] / values[k_e]
         if ratio > 1 + APPRECIABLE:
-            names = {
-                "constant": k_T,
-                "back_emf": k_e,
-                "newtons": motion.newtons,
-                "angle": motion.angle,
-            }
+            names = {"constant": k_T, "back_emf": k_e}
+            names |= {"newtons": motion.newtons, "angle": motion.angle}
             numbers = {"constant_value": values[k_T], "back_emf_value": values[k_e], "ratio": ratio}
             yield Finding("power of nominal values", names, numbers)
 
@@ -197,8 +187,8 @@ def _energy_of_draws(
             continue
         powers = np.array([{k_T: 1.0, k_e: -1.0}.get(name, 0.0) for name in known.names])
         blind = bool(powers.any()) and not math.isfinite(known.bound(powers))
-        numbers = {"margin": 100 * APPRECIABLE, "percent": 100 * share}
-        numbers["ratio"] = float(np.median(ratio))
+        middle = float(np.median(ratio))
+        numbers = {"margin": 100 * APPRECIABLE, "percent": 100 * share, "ratio": middle}
         kind = "power of priors" if blind else "power of draws"
         yield Finding(kind, {"constant": k_T, "back_emf": k_e}, numbers)
 
@@ -223,20 +213,16 @@ def _poles(poles: NDArray[np.complex128], problem: Problem) -> Iterator[Finding]
     largest = poles.real.max(axis=1)
     share = float(np.mean(largest > UNSTABLE * size))
     if share > 0:
-        numbers = {"pole": float(largest.max()), **_of_draws(poles, share)}
-        yield Finding("unstable pole", {}, numbers)
+        pole = {"pole": float(largest.max())}
+        yield Finding("unstable pole", {}, pole | _of_draws(poles, share))
     decay = np.abs(poles.real).max(axis=1)
     share = float(np.mean(decay * step > 1))
     if share > FEW:
         middle, model = float(np.median(decay)), problem.model
-        sets = [
-            f"{motor.inductance}/{motor.resistance}"
-            for motor in model.roles.motors
-            if motor.inductance in model.parameters
-        ]
+        motors = [motor for motor in model.roles.motors if motor.inductance in model.parameters]
+        sets = " and ".join(f"{motor.inductance}/{motor.resistance}" for motor in motors)
         numbers = {"decay_ms": 1e3 / middle, "pole": -middle, "step_ms": 1e3 * step}
-        numbers |= _of_draws(poles, share)
-        yield Finding("fast decay", {"constants": " and ".join(sets)}, numbers)
+        yield Finding("fast decay", {"constants": sets}, numbers | _of_draws(poles, share))
     turns = np.abs(poles.imag).max(axis=1) / (2 * math.pi)
     share = float(np.mean(2 * turns * step > 1))
     if share > FEW:

@@ -67,16 +67,12 @@ class PredictionCheck:
 
 def prediction_checks(likelihood: Likelihood, theta: Array) -> tuple[PredictionCheck, ...]:
     """Check each channel by draws `theta (N, D)`."""
-    transforms = [
-        (observation.label, channel, pit[~np.isnan(pit)])
-        for observation in likelihood.observations
-        for channel, pit in zip(
-            observation.experiment.channels,
-            leave_one_out_check(likelihood, observation, theta).T,
-            strict=True,
-        )
-        if not np.isnan(pit).all()
-    ]
+    transforms = []
+    for observation in likelihood.observations:
+        pits = leave_one_out_check(likelihood, observation, theta).T
+        pairs = zip(observation.experiment.channels, pits, strict=True)
+        known = ((channel, pit[~np.isnan(pit)]) for channel, pit in pairs)
+        transforms += [(observation.label, channel, pit) for channel, pit in known if len(pit)]
     alarm = FALSE_ALARM / max(len(transforms), 1)
     return tuple(
         PredictionCheck(channel, pit, ecdf_band(len(pit), PIT_BINS - 1, alarm), label)
@@ -170,9 +166,8 @@ def leave_one_out(
     differ = np.ptp(log_p, axis=1) > EQUAL_LOG_DENSITY  # smoothing needs different densities
     log_w, pareto_k[differ] = smoothed(log_p[differ])
     terms[differ] = scipy.special.logsumexp(log_w + log_p[differ], axis=1)
-    return LooScore(
-        elpd=float(terms.sum()), terms=terms, doubtful=float((pareto_k > BAD_PARETO_K).mean())
-    )
+    doubtful = float((pareto_k > BAD_PARETO_K).mean())
+    return LooScore(elpd=float(terms.sum()), terms=terms, doubtful=doubtful)
 
 
 def has_memory(observation: Observation, theta: Array) -> bool:

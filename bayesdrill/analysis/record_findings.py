@@ -19,9 +19,7 @@ MAX_SAMPLES = 20_000  # of longer records, so many samples are enough for these 
 MIN_VARIANCE_RATIO = 1.5  # residual variance of a speed without the input over that with it
 MIN_R_SQUARED = 0.5  # R^2 of a speed by its input, below which its sign is not judged
 TURNED_CORRELATION = -0.9  # correlation of two angles, below which one of them counts backwards
-FALLING_CORRELATION = (
-    -0.5
-)  # correlation of speed and input, below which one falls as the other rises
+FALLING_CORRELATION = -0.5  # correlation of speed and input below which one falls as one rises
 ONE_WAY_SHARE = 0.98  # share of samples on one side of zero in a record of one direction
 MAX_PERIOD = 20  # rows between two measured values of a slower sensor, at most
 MIN_HELD_SHARE = 0.9  # share of the runs of equal values with the typical length
@@ -33,25 +31,21 @@ def findings_of_record(
 ) -> Iterator[Finding]:
     """Yield findings on one record of a rig whose `unknowns` have these names."""
     columns = [*zip(experiment.channels, experiment.y.T, strict=True)]
-    still = [channel.name for channel, y in columns if _is_still(y)]
+    measured = {channel.name: y[~np.isnan(y)] for channel, y in columns}
+    judged = {name: y for name, y in measured.items() if len(y) >= MIN_SAMPLES}
+    still = [name for name, y in judged.items() if float(np.ptp(y)) < SMALLEST_RANGE]
     if len(still) == len(columns):
         yield Finding("nothing moved", {"channels": ", ".join(still)})
         return
     for name in still:
         yield Finding("still channel", {"channel": name})
-    for channel, y in columns:
-        if channel.name not in still:
-            yield from _odd_cells(channel.name, y)
+    moving = [(channel, y) for channel, y in columns if channel.name not in still]
+    for channel, y in moving:
+        yield from _odd_cells(channel.name, y)
     for name in sorted({*experiment.series} | {*experiment.constant}):
         driven = model.roles.moved(name)
         if driven is not None and driven[1] != "speed":
-            moving = [(channel, y) for channel, y in columns if channel.name not in still]
             yield from _motion(name, driven[0], moving, experiment, model, unknowns)
-
-
-def _is_still(y: Array) -> bool:
-    known = y[~np.isnan(y)]
-    return len(known) >= MIN_SAMPLES and float(np.ptp(known)) < SMALLEST_RANGE
 
 
 def _odd_cells(name: str, y: Array) -> Iterator[Finding]:
@@ -156,10 +150,9 @@ def _response(w: Array, angle: Array, u: Array, others: Sequence[Array], t: Arra
         mean = float(np.mean(w))
         clear = abs(mean) > MIN_R_SQUARED * float(np.sqrt(np.mean(w**2))) and not others
         return float(np.sign(mean) * np.sign(u[0])) if clear else 0.0
-    steps = np.diff(t)
-    causes = [angle, t - t[0], *(integral(x, steps) for x in others)]
+    integrals = [integral(x, np.diff(t)) for x in (*others, u - u.mean())]
     every = slice(None, None, -(-len(w) // MAX_SAMPLES))
-    causes = [cause[every] for cause in (*causes, integral(u - u.mean(), steps))]
+    causes = [cause[every] for cause in (angle, t - t[0], *integrals)]
     _, without = linear_fit(w[every], causes[:-1])
     slopes, residual = linear_fit(w[every], causes)
     total = float(np.var(w))

@@ -9,7 +9,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -282,8 +281,6 @@ def _with_hidden(row: ResidualSummary, squares: Array | None) -> ResidualSummary
     if squares is None:
         return row
     kept, hidden, total = squares.tolist()
-    shares: dict[str, Any] = {
-        name: math.sqrt((getattr(row, name) ** 2 * kept + hidden) / total)
-        for name in ("share", "simulated", "ahead")
-    }
-    return dataclasses.replace(row, **shares)
+    shares = (row.share, row.simulated, row.ahead)
+    share, simulated, ahead = (math.sqrt((x**2 * kept + hidden) / total) for x in shares)
+    return dataclasses.replace(row, share=share, simulated=simulated, ahead=ahead)

@@ -22,11 +22,7 @@ from bayesdrill.analysis.latent_torque import (
     regress_torque,
 )
 from bayesdrill.analysis.plausibility import DiffusePrior
-from bayesdrill.analysis.suspicions import (
-    InputTiming,
-    half_sample_shift,
-    suspicions_of_problem,
-)
+from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift, suspicions_of_problem
 from bayesdrill.analysis.verdict import Judgement, basis, conclude
 from bayesdrill.basics import json_records, seeds
 from bayesdrill.basics.arrays import Array
@@ -94,10 +90,8 @@ class RunDraws(Value):
     @cached_property
     def torque_estimates(self) -> tuple[TorqueEstimate, ...]:
         """Return the missing torque of each experiment; empty if none is missing."""
-        rng = seeds.stream(self.seed, "torque")
-        return latent_torque.torque_estimates(
-            self.problem.posterior, self.thinned(TORQUE_DRAWS), rng
-        )
+        draws, rng = self.thinned(TORQUE_DRAWS), seeds.stream(self.seed, "torque")
+        return latent_torque.torque_estimates(self.problem.posterior, draws, rng)
 
     @property
     def nothing_derived(self) -> Derived:

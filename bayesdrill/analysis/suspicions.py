@@ -21,6 +21,7 @@ from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.record import anomalies
 from bayesdrill.record.clocks import median_step
 from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.record.regression import integral
 from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
 
 BITS = (12, 14, 16, 24, 32)  # usual numbers of bits of counters
@@ -68,13 +69,10 @@ def suspicions_of_start(problem: Problem) -> Iterator[Finding]:
     space = problem.posterior.space
     full = space.full(space.vector(space.start)[None])
     columns = (
-        column
+        zip(each.experiment.channels, each.experiment.y.T, each.signals(full)[0].T, strict=True)
         for each in problem.observations
-        for column in zip(
-            each.experiment.channels, each.experiment.y.T, each.signals(full)[0].T, strict=True
-        )
     )
-    for channel, measured, expected in columns:
+    for channel, measured, expected in itertools.chain.from_iterable(columns):
         y, p = measured[~np.isnan(measured)], expected[~np.isnan(measured)]
         power = float(p @ p)
         if not (math.isfinite(power) and power > 0):
@@ -151,20 +149,15 @@ def _ratio(angle: Channel, speed: Channel, speeds: Mapping[str, str]) -> float |
 
 
 def _pair(angle: str, a: Array, speed: str, w: Array, t: Array, gear: float) -> Iterator[Finding]:
-    times, r_squared = _slope(_integral(w, t), a)
+    times, r_squared = _slope(integral(w, np.diff(t)), a)
     if r_squared > MIN_R_SQUARED and 1 / MIN_UNIT_FACTOR < times < MIN_UNIT_FACTOR:
         return
-    swapped, swapped_r_squared = _slope(_integral(a, t), w)
+    swapped, swapped_r_squared = _slope(integral(a, np.diff(t)), w)
     if swapped_r_squared > MIN_R_SQUARED and abs(swapped - 1) < 2 * NEAR_FACTOR:
         yield Finding("swapped columns", {"angle": angle, "speed": speed})
     elif r_squared >= MIN_R_SQUARED and (named := _likely_mistakes(times, NEAR_FACTOR, gear)):
         names = {"angle": angle, "speed": speed, "mistakes": named}
         yield Finding("unit of an angle", names, {"times": times})
-
-
-def _integral(x: Array, t: Array) -> Array:
-    """Return the integral of `x (T,)` from the first of the times `t (T,)` on, `(T,)`."""
-    return np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) * np.diff(t) / 2)])
 
 
 def _slope(x: Array, y: Array) -> tuple[float, float]:
@@ -184,17 +177,16 @@ def find_reference(
 ) -> tuple[str, str] | None:
     """Return an input and an angle that follows it as a set point, unlike the model; or None."""
     shares = {(row.experiment, row.channel): row.share for row in residuals}
+    goals = {motor.goal for motor in problem.model.roles.motors}
     for observation in problem.observations:
         experiment = observation.experiment
+        # The model has the loop that follows a goal.
+        inputs = [(name, u) for name, u in experiment.series.items() if name not in goals]
         for channel, y in zip(experiment.channels, experiment.y.T, strict=True):
-            if channel.unit not in SPEED_UNITS or np.isnan(y).any():
+            unexplained = shares[observation.label, channel.name] > MIN_LEFT
+            if channel.unit not in SPEED_UNITS or np.isnan(y).any() or not unexplained:
                 continue
-            if not shares[observation.label, channel.name] > MIN_LEFT:
-                continue
-            goals = {motor.goal for motor in problem.model.roles.motors}
-            for name, u in experiment.series.items():
-                if name in goals:  # the model has the loop that follows it
-                    continue
+            for name, u in inputs:
                 lags = range(min(MAX_FOLLOWING, len(u) // 2))
                 if max(_slope(u[: len(u) - k], y[k:])[1] for k in lags) > MIN_FOLLOWED:
                     return name, channel.name

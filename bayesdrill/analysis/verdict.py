@@ -27,7 +27,7 @@ from bayesdrill.basics.arguments import check_arguments
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.findings import Finding
 from bayesdrill.config.schema.config import IdentifySpec
-from bayesdrill.inference.derived import hdi
+from bayesdrill.inference.derived import estimate
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.mode_search import Mode
@@ -94,22 +94,17 @@ def bits_gained(logs: Array, prior_logs: Array) -> float:
     The entropy of the posterior is estimated by spacings of its sorted draws (Ebrahimi), and the
     density of the prior by bins of equal mass.  A negative estimate is due to chance, and set to 0.
     """
-    edges = np.quantile(prior_logs, np.linspace(0.0, 1.0, PRIOR_BINS + 1))
-    log_density = -math.log(PRIOR_BINS) - np.log(np.maximum(np.diff(edges), 1e-300))
-    bins = np.clip(np.searchsorted(edges, logs) - 1, 0, PRIOR_BINS - 1)
-    return max(0.0, (-_entropy(logs) - float(log_density[bins].mean())) / math.log(2.0))
-
-
-def _entropy(logs: Array) -> float:
-    """Return the entropy in nats; of the distinct values if a stuck walker repeats one often."""
     from scipy.stats import differential_entropy  # imported here, as loading takes half a second
 
     sd = float(logs.std()) or 1e-300
     with np.errstate(divide="ignore"):
         entropy = float(differential_entropy(logs / sd, method="ebrahimi"))
-    if not np.isfinite(entropy):
+    if not np.isfinite(entropy):  # a stuck walker repeats a value often
         entropy = float(differential_entropy(np.unique(logs) / sd, method="ebrahimi"))
-    return entropy + math.log(sd)
+    edges = np.quantile(prior_logs, np.linspace(0.0, 1.0, PRIOR_BINS + 1))
+    log_density = -math.log(PRIOR_BINS) - np.log(np.maximum(np.diff(edges), 1e-300))
+    bins = np.clip(np.searchsorted(edges, logs) - 1, 0, PRIOR_BINS - 1)
+    return max(0.0, (-(entropy + math.log(sd)) - float(log_density[bins].mean())) / math.log(2.0))
 
 
 Says = Literal[
@@ -316,32 +311,32 @@ class _TableComparison:
         ends = np.array(exponents)[:, None] * self.ends  # tolerance of each factor
         low, high = float(ends.min(axis=1).sum()), float(ends.max(axis=1).sum())
         sigmas = tension(logs, low, high)
-        x = nominal * np.exp(logs)
-        hdi_low, hdi_high = hdi(x)
-        mean, factors = float(x.mean()), np.flatnonzero(exponents)
-        alone = len(factors) == 1
         return Quantity(
             exponents=exponents,
             nominal=nominal,
             tolerance=(math.expm1(low), math.expm1(high)),
-            mean=mean,
-            sd=float(x.std(ddof=1)),
-            hdi_low=hdi_low,
-            hdi_high=hdi_high,
-            deviation=mean / nominal - 1.0,
+            **estimate(nominal * np.exp(logs), nominal),
             tension=sigmas,
             beyond=float(np.mean((logs < low) | (logs > high))) if high > low else None,
             sd_ratio=self._sd_ratio(exponents),
             bits=bits_gained(logs, _combined(self.prior_logs, exponents)),
             blind=self._blind(exponents),
-            says=_says(
-                cut=bool(alone and self.cut[factors[0]]) or (shown and self.cuts([exponents])),
-                crowded=bool(alone and self.pressed[factors[0]]),
-                shown=shown,
-                far=sigmas > limit,
-                fits=self.fits,
-            ),
+            says=self._says(exponents, shown=shown, far=sigmas > limit),
         )
+
+    def _says(self, exponents: Exponents, *, shown: bool, far: bool) -> Says:
+        factors = np.flatnonzero(exponents)
+        alone = factors if len(factors) == 1 else factors[:0]
+        cut = self.cut[alone].any() or (shown and self.cuts([exponents]))
+        if cut:
+            return "cannot judge"
+        if self.pressed[alone].any():
+            return "pressed against the prior"
+        if not shown:
+            return "not determined"
+        if not far:
+            return "agrees"
+        return "disagrees" if self.fits else "in doubt"
 
     def joint(self, products: list[Exponents]) -> float | None:
         if len(products) < 2 or self.cuts(products):
@@ -371,18 +366,6 @@ class _TableComparison:
         return float(_combined(self.logs, exponents).std() / before.std())
 
 
-def _says(*, cut: bool, crowded: bool, shown: bool, far: bool, fits: bool) -> Says:
-    if cut:
-        return "cannot judge"
-    if crowded:
-        return "pressed against the prior"
-    if not shown:
-        return "not determined"
-    if not far:
-        return "agrees"
-    return "disagrees" if fits else "in doubt"
-
-
 def _combined(logs: Array, exponents: Exponents) -> Array:
     """Return the log of a product `(...,)`; only its factors need a nominal value."""
     used = np.flatnonzero(exponents)
@@ -392,19 +375,16 @@ def _combined(logs: Array, exponents: Exponents) -> Array:
 def reconciled(rows: Sequence[ParameterRow], verdict: Verdict) -> tuple[ParameterRow, ...]:
     """Return `rows` with the words of the verdict, which knows what priors of others determine."""
     judged = {verdict.names[q.exponents.index(1)]: q for q in verdict.parameters}
-    return tuple(
-        dataclasses.replace(row, word=_word(row, judged[row.name])) if row.name in judged else row
-        for row in rows
-    )
+    words = ((row, _word(row.word, judged.get(row.name))) for row in rows)
+    return tuple(dataclasses.replace(row, word=word) for row, word in words)
 
 
-def _word(row: ParameterRow, quantity: Quantity) -> Word:
-    match quantity.says:
-        case "agrees" | "disagrees" | "in doubt":
-            return "determined"
-        case "not determined" if row.word == "determined":
-            return "through others" if quantity.blind else "weak"
-    return row.word
+def _word(word: Word, quantity: Quantity | None) -> Word:
+    if quantity is not None and quantity.says in JUDGED:
+        return "determined"
+    if quantity is not None and quantity.says == "not determined" and word == "determined":
+        return "through others" if quantity.blind else "weak"
+    return word
 
 
 def conclude(
@@ -427,23 +407,12 @@ def conclude(
     draws, m = sampled.draws.reshape(-1, len(best)), len(study.names)
     prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(seed, "identify", 1))
     prior_draws = prior_draws[np.isfinite(space.log_prior(prior_draws))]
-    ends = {
-        name: end
-        for name, x in zip(space.free, draws.T, strict=True)
-        if name in problem.nominal
-        and (end := end_at_nominal(x, space.priors[name], problem.nominal[name])) is not None
-    }
-    verdict = judge(
-        study,
-        draws[:, :m],
-        prior_draws[:, :m],
-        problem.nominal,
-        problem.tolerance,
-        [row.name for row in rows if row.pressed_against is not None],
-        settings,
-        ends,
-        fits=fits,
-    )
+    named = {n: x for n, x in zip(space.free, draws.T, strict=True) if n in problem.nominal}
+    every = {n: end_at_nominal(x, space.priors[n], problem.nominal[n]) for n, x in named.items()}
+    ends = {name: end for name, end in every.items() if end is not None}
+    pressed = [row.name for row in rows if row.pressed_against is not None]
+    table, both = (problem.nominal, problem.tolerance), (draws[:, :m], prior_draws[:, :m])
+    verdict = judge(study, *both, *table, pressed, settings, ends, fits=fits)
     findings = plausibility.plausibility_of_draws(problem, draws, study.information)
     findings += tuple(plausibility.plausibility_of_course(sensitivity, best))
     judged = Judgement(study=study, verdict=verdict, findings=findings)

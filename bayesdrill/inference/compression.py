@@ -20,6 +20,7 @@ from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.rig.compression.basis import CompressionError
 from bayesdrill.rig.compression.simulator import Compression, compress
 from bayesdrill.rig.simulators import COMPRESSED_FROM
+from bayesdrill.rig.simulators.contract import Simulator
 
 EXCERPT = 16384  # number of samples in the first excerpt
 GROWTH = 4  # factor by which an excerpt grows if it does not suffice
@@ -79,11 +80,10 @@ def check_draws(compressed: Posterior, theta: Array) -> CompressionCheck | None:
 def excerpt(posterior: Posterior, samples: int = EXCERPT) -> Posterior | None:
     """Return the posterior of the first samples of long records, or None if no record is long."""
     observations = posterior.likelihood.observations
-    short = [first_samples(observation, samples) for observation in observations]
+    short = tuple(first_samples(observation, samples) for observation in observations)
     if all(new is old for new, old in zip(short, observations, strict=True)):
         return None
-    likelihood = Likelihood(tuple(short), posterior.space)
-    return Posterior(posterior.space, likelihood, posterior.coordinates)
+    return replace(posterior, likelihood=Likelihood(short, posterior.space))
 
 
 def longer_excerpt(posterior: Posterior, short: Posterior, known: Compressions) -> Posterior | None:
@@ -92,11 +92,8 @@ def longer_excerpt(posterior: Posterior, short: Posterior, known: Compressions) 
     None means that no record is longer, or that compressions of all long records are `known`.
     """
     pairs = zip(posterior.likelihood.observations, short.likelihood.observations, strict=True)
-    unknown = [
-        len(part.experiment.t)
-        for observation, part in pairs
-        if is_long(observation) and observation.label not in known
-    ]
+    parts = [part for each, part in pairs if is_long(each) and each.label not in known]
+    unknown = [len(part.experiment.t) for part in parts]
     return excerpt(posterior, GROWTH * max(unknown)) if unknown else None
 
 
@@ -147,7 +144,7 @@ def compressions(
 
 def uncompressed(posterior: Posterior) -> Posterior:
     """Return the posterior with all samples of all records."""
-    return posterior.edit(convert=lambda old: replace(old, response=old.response.by_samples))
+    return posterior.with_simulators(lambda old: old.response.by_samples)
 
 
 def compressed(posterior: Posterior, known: Compressions) -> Posterior:
@@ -155,10 +152,8 @@ def compressed(posterior: Posterior, known: Compressions) -> Posterior:
     if not known:
         return posterior
 
-    def convert(observation: Observation) -> Observation:
-        compression = known.get(observation.label)
-        if compression is None:
-            return observation
-        return replace(observation, response=compression.applied(observation.response))
+    def simulator_of(observation: Observation) -> Simulator:
+        compression, response = known.get(observation.label), observation.response
+        return response if compression is None else compression.applied(response)
 
-    return posterior.edit(convert=convert)
+    return posterior.with_simulators(simulator_of)

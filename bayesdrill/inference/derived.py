@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -65,18 +66,14 @@ def impossible_formulas(problem: Problem) -> dict[str, str]:
     theta = problem.posterior.space.draw(_N_PRIOR_DRAWS, np.random.default_rng(0))
     values, reasons = values_at(problem, theta), {}
     for formula in problem.derived:
-        name, text, x = formula.symbol.name, formula.expression.text, values[formula.symbol.name]
-        x = np.abs(x[np.isfinite(x)])
+        name, text = formula.symbol.name, f"'{formula.expression.text}'"
+        x = np.abs(values[name][np.isfinite(values[name])])
         if not len(x):
-            reasons[name] = (
-                f"'{text}' is no number at any of {_N_PRIOR_DRAWS} draws from the priors; "
-                "correct the formula"
-            )
+            none = f"{text} is no number at any of {_N_PRIOR_DRAWS} draws from the priors"
+            reasons[name] = f"{none}; correct the formula"
         elif x.max() > _LARGEST:
-            reasons[name] = (
-                f"'{text}' reaches {x.max():.3g} at draws from the priors, too large for a mean; "
-                "rescale it"
-            )
+            large = f"{text} reaches {x.max():.3g} at draws from the priors"
+            reasons[name] = f"{large}, too large for a mean; rescale it"
     return reasons
 
 
@@ -105,22 +102,16 @@ def with_products(
         name = product_name(names, powers)
         if name in nominal:  # a formula of the config has this name
             name += "_"
-        described_.append(
-            Symbol(
-                name=name,
-                unit=unit_product([n.unit for n, _ in factors], [e for _, e in factors]),
-                latex=product_latex(powers, problem.symbols),
-                latex_unit="SI",
-                meaning="a product of powers that no exact symmetry changes",
-            )
-        )
+        unit = unit_product([n.unit for n, _ in factors], [e for _, e in factors])
+        latex = product_latex(powers, problem.symbols)
+        meaning = "a product of powers that no exact symmetry changes"
+        described_.append(Symbol(name, unit, latex, "SI", meaning))
         logs = np.log(draws[..., : len(powers)]) @ np.array(powers, dtype=float)
         columns.append(np.exp(logs)[..., None])
         values = [problem.nominal.get(n.name, np.nan) ** e for n, e in factors]
         nominal[name] = float(np.prod(values))
-    return Derived(
-        symbols=tuple(described_), values=np.concatenate(columns, axis=-1), nominal=nominal
-    )
+    values_of_all = np.concatenate(columns, axis=-1)
+    return Derived(symbols=tuple(described_), values=values_of_all, nominal=nominal)
 
 
 def product_name(names: Sequence[str], exponents: Sequence[int]) -> str:
@@ -144,11 +135,6 @@ def derived_symbols(problem: Problem) -> tuple[Symbol, ...]:
     end = symbols.DERIVED["w_end"]
     moved = dataclasses.replace(end, unit=speed, latex_unit=symbols.latex_unit(speed))
     return (*tied, *{**symbols.DERIVED, end.name: moved}.values(), *formulas)
-
-
-def _current(model: Model) -> str | None:
-    """Return the name of the first motor current that is a state, or None."""
-    return next((m.current for m in model.roles.motors if m.current in model.states), None)
 
 
 def values_at(problem: Problem, theta: Array) -> dict[str, Array]:
@@ -211,7 +197,6 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
         times = np.where(swings, np.nan, -1.0 / eigenvalues.real)
     none = ~swings.any(axis=1)
     fastest = np.argmax(np.where(swings & ~visible, 0.0, size), axis=1)[:, None]
-    current = _current(model)
     n_currents = len({m.current for m in model.roles.motors} & {*model.states})
     # There is a real pole for each current, and one more for the motor's speed.
     slow = (~swings).sum(axis=1) == n_currents + 1
@@ -219,7 +204,7 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     values = {
         "omega_n": np.where(none, np.nan, np.take_along_axis(size, least_damped, axis=1)[:, 0]),
         "zeta": np.where(none, np.nan, np.take_along_axis(damping, least_damped, axis=1)[:, 0]),
-        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0] if current else undefined,
+        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0] if n_currents else undefined,
         "tau_m": np.where(slow, np.max(np.where(swings, -np.inf, times), axis=1), np.nan),
     }
     return {name: np.where(bad, np.nan, value) for name, value in values.items()}
@@ -238,7 +223,7 @@ def steady_values(
     turn = free_turn(matrix, angles)
     final = equilibrium(matrix if turn is None else fix_rotation(matrix, angles, turn), pushed)
     speed = final[:, angles[0]] if turn is not None else 0.0 * final[:, angles[0]]
-    current = _current(model)
+    current = next((m.current for m in model.roles.motors if m.current in model.states), None)
     at_end = final[:, model.states.index(current)] if current else np.full(n, np.nan)
     return {"w_end": speed, "i_end": at_end}
 
@@ -253,22 +238,17 @@ def summarise(derived: Derived) -> tuple[DerivedRow, ...]:
             continue
         table = derived.nominal.get(symbol.name, np.nan)
         nominal = table if np.isfinite(table) else None
-        low, high = hdi(x)
-        mean = float(x.mean())
-        rows.append(
-            DerivedRow(
-                name=symbol.name,
-                unit=symbol.unit,
-                nominal=nominal,
-                mean=mean,
-                sd=float(x.std(ddof=1)),
-                hdi_low=low,
-                hdi_high=high,
-                deviation=mean / nominal - 1.0 if nominal else None,
-                share=len(x) / len(all_draws),
-            )
-        )
+        numbers = {"share": len(x) / len(all_draws), **estimate(x, nominal or None)}
+        rows.append(DerivedRow(name=symbol.name, unit=symbol.unit, nominal=nominal, **numbers))
     return tuple(rows)
+
+
+def estimate(x: Array, nominal: float | None) -> dict[str, Any]:
+    """Return mean, sd, HDI of draws `(N,)`, and deviation of the mean, by fields of a row."""
+    mean, (low, high) = float(x.mean()), hdi(x)
+    deviation = None if nominal is None else mean / nominal - 1.0
+    sd = float(x.std(ddof=1))
+    return {"mean": mean, "sd": sd, "hdi_low": low, "hdi_high": high, "deviation": deviation}
 
 
 def hdi(x: Array) -> tuple[float, float]:

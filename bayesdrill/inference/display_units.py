@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
@@ -17,19 +17,7 @@ from bayesdrill.basics.symbols import Symbol, plain
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.priors import Prior
 
-
-class DisplayRow(Protocol):
-    """A row of a table holds values of an unknown in its `unit`, in fields that `_VALUES` names."""
-
-    @property
-    def name(self) -> str:
-        """Return the name of the unknown."""
-
-    @property
-    def unit(self) -> str:
-        """Return the unit of the values."""
-
-
+# Fields of rows of tables with values of an unknown or a derived quantity.
 _VALUES = ("nominal", "map", "mean", "sd", "hdi_low", "hdi_high", "pressed_against")
 
 
@@ -76,17 +64,17 @@ class DisplayUnits:
         unit = self.units[name].name if name in self.units else ""
         return plain(unit) if unit not in ("", "1") else ""
 
-    def rows[R: DisplayRow](self, si: Sequence[R]) -> tuple[R, ...]:
-        """Return the rows of a table in display units."""
+    def rows[R](self, si: Sequence[R]) -> tuple[R, ...]:
+        """Return the rows of a table in display units; each has a `name`, a `unit` and values."""
         return tuple(map(self._row, si))
 
-    def _row[R: DisplayRow](self, si: R) -> R:
+    def _row(self, si: Any) -> Any:
         unit = self.units.get(si.name)
         if unit is None:
             return si
         si_values = {key: getattr(si, key, None) for key in _VALUES}
         values = {key: x / unit.factor for key, x in si_values.items() if x is not None}
-        return dataclasses.replace(si, unit=unit.name, **values)  # type: ignore[type-var]
+        return dataclasses.replace(si, unit=unit.name, **values)
 
     def prior(self, name: str, si: Prior) -> Prior:
         """Return a prior in its display unit."""

@@ -57,11 +57,8 @@ def regression_start(posterior: Posterior) -> Array | None:
 
     def misfits(u: Array) -> Array:
         full = space.full(unknowns(u))
-        parts = [
-            motion(observation.simulator_parameters(full)[0])
-            for observation, motion in zip(observations, motions, strict=True)
-        ]
-        return np.nan_to_num(np.concatenate(parts), posinf=LARGE_MISFIT, neginf=-LARGE_MISFIT)
+        parts: Array = np.concatenate([motion(full) for motion in motions])
+        return np.nan_to_num(parts, posinf=LARGE_MISFIT, neginf=-LARGE_MISFIT)
 
     bounds = surface.low[columns], surface.high[columns]
     theta = unknowns(scipy.optimize.least_squares(misfits, first[columns], bounds=bounds).x)
@@ -70,7 +67,7 @@ def regression_start(posterior: Posterior) -> Array | None:
 
 
 def _motion(observation: Observation) -> Callable[[Array], Array] | None:
-    """Return the function that maps parameters `(P,)` to misfits; None if a state is missing.
+    """Return the function that maps parameters `(1, P)` to misfits; None if a state is missing.
 
     Each equation with parameters has a misfit for each bump, relative to the norm of its left side.
     States and inputs `(T - 1,)` are taken in the middle of each step.
@@ -91,8 +88,8 @@ def _motion(observation: Observation) -> Callable[[Array], Array] | None:
     bumps, slopes = _bumps(t)
     left = {row: -slopes @ states[row] for row in model.states if row not in kinematics}
 
-    def misfits(parameters: Array) -> Array:
-        p = dict(zip(model.parameters, map(float, parameters), strict=False))
+    def misfits(full: Array) -> Array:
+        p = {name: float(x[0]) for name, x in observation.rig_parameters(full).items()}
         acting = {**states, **inputs}
         for friction in model.frictions:
             speed = states[friction.against]
@@ -141,11 +138,10 @@ def _states(
     further states: angles are integrated from zero, and speeds are derivatives of angles.
     """
     t, states = experiment.t[stride], dict[str, Array]()
+    columns = zip(experiment.channels, experiment.y.T, experiment.seen.T, strict=True)
     channels = [
         (channel.weights, np.interp(t, experiment.t[seen], y[seen]))
-        for channel, y, seen in zip(
-            experiment.channels, experiment.y.T, experiment.seen.T, strict=True
-        )
+        for channel, y, seen in columns
         if seen.any()
     ]
     for _ in model.states:  # each round may find one more

@@ -15,7 +15,6 @@ from functools import cached_property
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
 from bayesdrill.inference.unknowns import (
@@ -225,11 +224,7 @@ class LogDensity:
 
     @cached_property
     def _unbounded(self) -> LogDensity:
-
-        def unbounded(observation: Observation) -> Observation:
-            return dataclasses.replace(observation, response=observation.response.unbounded)
-
-        return LogDensity(self.posterior.edit(convert=unbounded))
+        return LogDensity(self.posterior.with_simulators(lambda old: old.response.unbounded))
 
     def approximate_model(self, u: Array, directions: Array) -> QuadraticModel:
         """Return the curvature model of compressed records, also outside the region where they hold.

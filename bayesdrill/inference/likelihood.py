@@ -27,7 +27,7 @@ from bayesdrill.inference.unknowns import (
     directional_curvature,
     directional_slope,
 )
-from bayesdrill.record.experiment import Experiment
+from bayesdrill.record.experiment import Experiment, with_states
 from bayesdrill.rig.models.latent_torque import SIZE, TIME, MissingTorque
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators import exact_reason, simulator
@@ -65,7 +65,10 @@ class Observation:
         if columns == list(range(len(space.model))):
             columns = None
         indices = [space.free.index(name) for name in self.noise_names]
-        noise_columns = _column_index(indices, len(space.free))
+        first = indices[0] if indices else len(space.free)
+        noise = slice(first, first + len(indices))  # a slice copies no data
+        in_a_row = indices == list(range(noise.start, noise.stop))
+        noise_columns = noise if in_a_row else indices
         return dataclasses.replace(self, columns=columns, noise_columns=noise_columns, space=space)
 
     @property
@@ -84,6 +87,16 @@ class Observation:
     def named(self, names: Sequence[str]) -> dict[str, str]:
         """Map `names` of the simulator's first parameters to their names in the space."""
         return dict(zip(names, self.parameters, strict=False))
+
+    def rig_parameters(self, full: Array) -> dict[str, Array]:
+        """Return the rig's parameters, each `(W,)`, by name."""
+        columns = self.simulator_parameters(full).T
+        return dict(zip(self.response.model.parameters, columns, strict=False))
+
+    def states(self, full: Array) -> Array:
+        """Return all states of the rig at the samples, without a missing torque, `(W, T, X)`."""
+        shown = with_states(self.experiment, self.response.model.states, alone=True)
+        return self.response.of(shown).signals(self.simulator_parameters(full))
 
     def residuals(self, full: Array) -> SimulatorResiduals:
         """Return the residuals at parameters `full`."""
@@ -156,8 +169,8 @@ class Observation:
         """
         t = experiment.t
         noise = noise_for_record(self.noise.for_length(len(t)), t, experiment.seen)
-        copied = self.with_simulator(self.response.of(experiment), self.parameters)
-        return dataclasses.replace(copied, noise=noise)
+        other = dataclasses.replace(self, noise=noise)
+        return other.with_simulator(self.response.of(experiment), self.parameters)
 
     # Subclasses override the following members.
 
@@ -289,10 +302,7 @@ class LatentTorqueObservation(Observation):
     process: Mapping[str, float | Unknown]
     fixed: tuple[float, ...] | None = None
 
-    def with_simulator(
-        self, response: Simulator, parameters: Sequence[str]
-    ) -> LatentTorqueObservation:
-        """Return an unbound observation with another simulator and the names of its parameters."""
+    def with_simulator(self, response: Simulator, parameters: Sequence[str]) -> Self:
         filtered = KalmanFilter(response.model, self.kalman_filter.torque, response.experiment)
         made = Observation.with_simulator(self, response, parameters)
         return dataclasses.replace(made, kalman_filter=filtered)
@@ -317,10 +327,9 @@ class LatentTorqueObservation(Observation):
 
     @property
     def torque(self) -> LatentTorqueObservation:
-        """Return the observation itself."""
         return self
 
-    def with_fixed_covariance(self, theta: Array) -> LatentTorqueObservation:
+    def with_fixed_covariance(self, theta: Array) -> Self:
         """Return the observation with the covariance fixed at its value at `theta (D,)`."""
         assert self.space is not None
         parameters = self.simulator_parameters(self.space.full(theta[None]))[0]
@@ -357,13 +366,10 @@ class LatentTorqueObservation(Observation):
         """Return size and time of the torque, `(..., 2)`."""
         out = np.empty((*kernel_arguments.shape[:-1], 2))
         column = len(self.noise.unknowns)
-        for k, name in enumerate((SIZE, TIME)):
-            value = self.process[name]
-            if isinstance(value, Unknown):
-                out[..., k] = kernel_arguments[..., column]
-                column += 1
-            else:
-                out[..., k] = value
+        for k, value in enumerate((self.process[SIZE], self.process[TIME])):
+            is_unknown = isinstance(value, Unknown)
+            out[..., k] = kernel_arguments[..., column] if is_unknown else value
+            column += is_unknown
         return out
 
     def sizes(self, theta: Array) -> Array:
@@ -373,7 +379,6 @@ class LatentTorqueObservation(Observation):
     # Densities.
 
     def by_channel(self, full: Array, theta: Array) -> Array:
-        """Return the log likelihood of each channel, `(W, K)`."""
         record = self.response.record
         if self.fixed is None and record is not None:
             return self.kalman_filter.log_density(*self._filter_arguments(theta, full), record)
@@ -381,21 +386,17 @@ class LatentTorqueObservation(Observation):
         return np.asarray(np.nansum(terms, axis=1))
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        """Return the log density `(W, T, K)` of each residual given those before it."""
         white, variances = self._whitened(samples, theta)
         return np.asarray(-0.5 * (math.log(2 * math.pi) + np.log(variances) + white**2))
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return whitened residuals `(W, T, K)`."""
         return self._whitened(samples, theta)[0]
 
     def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return errors of one-step-ahead predictions `(W, T, K)`, SI."""
         white, variances = self._whitened(samples, theta)
         return white * np.sqrt(variances)
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
-        """Return whitened shifts of signals `(W, T, K)`."""
         return np.nan_to_num(self.whiten(shifts, theta))
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
@@ -430,7 +431,6 @@ class LatentTorqueObservation(Observation):
         return states, np.asarray(states @ self.kalman_filter.output_matrix.T)
 
     def replicate(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """Draw the record `(W, T, K)` again, with fresh noise and the same latent torque."""
         moved = self.sample_states(self.experiment.y - signals, theta, rng)[1]
         return self.noise.draw(signals + moved, theta[:, self.noise_columns], rng)
 
@@ -445,9 +445,8 @@ class LatentTorqueObservation(Observation):
         moved, kernel_arguments = self._moved(at), self._kernel_arguments(at.theta, at.full)
         turned = moved[..., len(self.unknowns) :]
         signals, shifts = self.response.course(self.simulator_parameters(at.full), turned)
-        yield self._slopes(
-            np.nan_to_num(self.experiment.y - signals), -shifts, kernel_arguments, moved
-        )
+        residuals = np.nan_to_num(self.experiment.y - signals)
+        yield self._slopes(residuals, -shifts, kernel_arguments, moved)
 
     def _moved(self, at: Directions) -> Array:
         """Return slopes of the kernels' arguments `(W, q, n + P)` along the directions."""
@@ -481,22 +480,16 @@ class LatentTorqueObservation(Observation):
     def _filtered(self, residuals: Dual, kernel_arguments: Dual) -> tuple[Array, ...]:
         """Return whitened residuals, their slopes, variances of innovations, and their slopes."""
         arguments = (self._of_process, self.noise.scales)
-        process, scales = (affine_map(each, kernel_arguments) for each in arguments)
+        numbers = [*(affine_map(each, kernel_arguments) for each in arguments), residuals]
         with np.errstate(all="ignore"):
-            return self.kalman_filter.slopes(
-                (process.value, process.slope),
-                (scales.value, scales.slope),
-                (residuals.value, residuals.slope),
-            )
+            return self.kalman_filter.slopes(*((each.value, each.slope) for each in numbers))
 
     def scores(self, at: Directions, slopes: Array) -> Array:
-        """Return slopes `(q, T, K)` of `pointwise`, see `Observation.scores`."""
         count = len(slopes)
         samples = np.nan_to_num(self.residuals(at.full).samples).repeat(count, axis=0)
         arguments = self._kernel_arguments(at.theta, at.full).repeat(count, axis=0)
-        white, change, variance, wider = self._filtered(
-            Dual(samples, -slopes), Dual(arguments, self._moved(at)[0])
-        )
+        moved = Dual(arguments, self._moved(at)[0])
+        white, change, variance, wider = self._filtered(Dual(samples, -slopes), moved)
         return np.asarray(-white * change - 0.5 * wider / variance)
 
     def expected(self, theta: Array) -> Array:
@@ -543,10 +536,3 @@ def observe(
         noise_names=[*names, *(n for n, x in process.items() if isinstance(x, Unknown))],
         **shared,
     )
-
-
-def _column_index(columns: list[int], last: int) -> slice | list[int]:
-    """Return consecutive columns as a slice, which copies no data, and others as they are."""
-    first = columns[0] if columns else last
-    in_a_row = columns == list(range(first, first + len(columns)))
-    return slice(first, first + len(columns)) if in_a_row else columns

@@ -20,6 +20,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES, Coordinates, ParameterSpace, Unknown
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.contract import Simulator
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +48,8 @@ class Likelihood:
         with np.errstate(all="ignore"):
             full = self.space.full(theta)
             parts = [each.by_channel(full, theta) for each in self.observations]
-            return _concatenated(parts).sum(axis=-1)
+            together = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
+            return together.sum(axis=-1)
 
     @property
     def n_measured(self) -> int:
@@ -57,8 +59,8 @@ class Likelihood:
     def mean_square(self, theta: Array) -> Array:
         """Return the mean squared residual over the noise variance `(W,)`, which is 1 for noise."""
         full = self.space.full(theta)
-        squares = _concatenated([each.weighted_squares(full, theta) for each in self.observations])
-        return np.asarray(squares.sum(axis=-1) / self.n_measured)
+        squares = [each.weighted_squares(full, theta) for each in self.observations]
+        return np.asarray(np.hstack(squares).sum(axis=-1) / self.n_measured)
 
     def all_signals(self, theta: Array) -> list[Array]:
         """Return the signals `(W, T, K)` of each observation."""
@@ -75,9 +77,7 @@ class Likelihood:
 
     def rig_parameters(self, theta: Array) -> dict[str, Array]:
         """Return the rig's parameters in the first observation, each `(W,)`, by name."""
-        first = self.observations[0]
-        columns = first.simulator_parameters(self.space.full(theta)).T
-        return dict(zip(first.response.model.parameters, columns, strict=False))
+        return self.observations[0].rig_parameters(self.space.full(theta))
 
     @property
     def only_observation(self) -> Observation:
@@ -127,6 +127,10 @@ class Posterior:
         coordinates = self.coordinates if space is self.space else space.coordinates
         return Posterior(space, Likelihood(observations, space, held_out), coordinates)
 
+    def with_simulators(self, simulator_of: Callable[[Observation], Simulator]) -> Posterior:
+        """Return the posterior with another simulator of each observation, also if held out."""
+        return self.edit(convert=lambda old: dataclasses.replace(old, response=simulator_of(old)))
+
     def __call__(self, z: Array) -> Array:
         """Return the log density over `z`."""
         return self.evaluate(z)[0]
@@ -172,10 +176,6 @@ def _with_unknowns(space: ParameterSpace, new: Sequence[Unknown]) -> ParameterSp
         unknowns=(*old[:rig], *of_rig, *old[rig:moving], *others, *old[moving:]),
         fixed={name: value for name, value in space.fixed.items() if name not in names},
     )
-
-
-def _concatenated(parts: list[Array]) -> Array:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
 
 
 @dataclass(frozen=True, slots=True)

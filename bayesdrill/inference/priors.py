@@ -105,7 +105,6 @@ class Uniform(Prior):
         return -math.log(self.high - self.low)
 
     def quantile(self, u: Array) -> Array:
-        """Return the inverse of the distribution at `u (N,)`."""
         return self.low + (self.high - self.low) * u
 
 
@@ -123,7 +122,6 @@ class LogUniform(Prior):
         return -log(x) - math.log(math.log(self.high / self.low))
 
     def quantile(self, u: Array) -> Array:
-        """Return the inverse of the distribution at `u (N,)`."""
         return self.low * (self.high / self.low) ** u
 
 
@@ -141,7 +139,6 @@ class TruncatedNormal(Prior):
         return -0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd) - self._log_mass()
 
     def quantile(self, u: Array) -> Array:
-        """Return the inverse of the distribution at `u (N,)`."""
         # Work in the tail that is nearer, where the normal integral keeps its digits.
         ndtr, (a, b) = scipy.special.ndtr, self._ends()
         if a > 0:
@@ -186,7 +183,6 @@ class LogNormal(_Positive):
         return -0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd_log) - log_x
 
     def quantile(self, u: Array) -> Array:
-        """Return the inverse of the distribution at `u (N,)`."""
         return np.asarray(self.median * np.exp(self.sd_log * scipy.special.ndtri(u)))
 
 
@@ -203,7 +199,6 @@ class HalfNormal(_Positive):
         return constant - 0.5 * (x / self.scale) ** 2
 
     def quantile(self, u: Array) -> Array:
-        """Return the inverse of the distribution at `u (N,)`."""
         return np.asarray(self.scale * scipy.special.ndtri(0.5 * (1.0 + u)))
 
 
@@ -235,12 +230,8 @@ PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
 )
 # Priors of a sensor or a start, whose ends may be below zero.
 SIGNED_PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
-    {
-        "uniform": Uniform,
-        "normal": uncut_normal,
-        "truncated_normal": TruncatedNormal,
-        "log_normal": LogNormal,
-    }
+    {n: prior for n, prior in PRIORS.items() if n not in ("log_uniform", "half_normal")}
+    | {"normal": uncut_normal}
 )
 
 

@@ -118,41 +118,35 @@ def residual_summaries(likelihood: Likelihood, theta: Array) -> tuple[ResidualSu
     If sigma is unknown, the rms over sigma is near one unless the prior of sigma prevents it.
     """
     full, observations = likelihood.space.full(theta[None]), likelihood.observations
-    channels = sum(len(observation.experiment.channels) for observation in observations)
-    summaries = (_channel_summaries(each, full, theta[None], channels) for each in observations)
-    return tuple(chain.from_iterable(summaries))
-
-
-def _channel_summaries(
-    observation: Observation, full: Array, theta: Array, channels: int
-) -> Iterator[ResidualSummary]:
-    """Yield the summaries of one observation; `channels` counts those of all observations."""
-    experiment = observation.experiment
-    prediction_errors = (experiment.y - observation.predict(full, theta))[0]
-    samples = observation.residuals(full).samples
-    whitened = observation.whiten(samples, theta)[0]
-    innovations = observation.innovations(samples, theta)[0]
-    for k, measured in enumerate(experiment.seen.T):
-        residuals, n = whitened[measured, k], int(measured.sum())
-        squares = float(residuals @ residuals)
-        spread = float(experiment.y[measured, k].std())
-        worst = int(np.abs(residuals).argmax())
-        shares = [
-            math.sqrt(np.mean(errors[measured, k] ** 2)) / spread if spread > 0 else math.nan
-            for errors in (prediction_errors, samples[0], innovations)
-        ]
-        yield ResidualSummary(
-            channel=experiment.names[k],
-            rms=math.sqrt(squares / n),
-            share=shares[0],
-            correlation=float(residuals[1:] @ residuals[:-1]) / squares if squares > 0 else 0.0,
-            farthest=float(abs(residuals[worst])),
-            time=float(experiment.t[measured][worst]),
-            limits=limits(n, channels, theta.shape[1]),
-            experiment=observation.label,
-            simulated=shares[1],
-            ahead=shares[2],
-        )
+    n_channels = sum(len(observation.experiment.channels) for observation in observations)
+    summaries = []
+    for observation in observations:
+        experiment = observation.experiment
+        prediction_errors = (experiment.y - observation.predict(full, theta[None]))[0]
+        samples = observation.residuals(full).samples
+        whitened = observation.whiten(samples, theta[None])[0]
+        errors = prediction_errors, samples[0], observation.innovations(samples, theta[None])[0]
+        for k, measured in enumerate(experiment.seen.T):
+            residuals, n = whitened[measured, k], int(measured.sum())
+            squares = float(residuals @ residuals)
+            spread = float(experiment.y[measured, k].std())
+            worst = int(np.abs(residuals).argmax())
+            sizes = [math.sqrt(np.mean(error[measured, k] ** 2)) for error in errors]
+            shares = [size / spread if spread > 0 else math.nan for size in sizes]
+            summary = ResidualSummary(
+                channel=experiment.names[k],
+                rms=math.sqrt(squares / n),
+                share=shares[0],
+                correlation=float(residuals[1:] @ residuals[:-1]) / squares if squares > 0 else 0.0,
+                farthest=float(abs(residuals[worst])),
+                time=float(experiment.t[measured][worst]),
+                limits=limits(n, n_channels, len(theta)),
+                experiment=observation.label,
+                simulated=shares[1],
+                ahead=shares[2],
+            )
+            summaries.append(summary)
+    return tuple(summaries)
 
 
 def limits(samples: int, channels: int, unknowns: int) -> ResidualLimits:
@@ -245,12 +239,8 @@ def _correlations(
         memory, counts = _correlated(residuals, residuals, lags)
         last, sds = min(N_LAGS, int(lags[-1])), 1.0 / np.sqrt(counts)
         after = slice(1, last + 1)
-        build = partial(
-            ResidualCorrelation,
-            channel=experiment.channels[k],
-            step=step,
-            experiment=observation.label,
-        )
+        place = partial(ResidualCorrelation, experiment=observation.label, step=step)
+        build = partial(place, channel=experiment.channels[k])
         yield build(input="", lags=lags[after], values=memory[after], sds=sds[after])
         two_sided_lags = np.arange(-last, last + 1)
         rho = memory[1]

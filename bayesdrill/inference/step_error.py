@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood, Posterior
-from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS, Simulator, Stepping
+from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS, Simulator
 
 StepSizes = tuple[int, int]  # steps per sample, and substeps of a step with a reversal
 
@@ -61,16 +60,17 @@ def evidence_shift(posterior: Posterior, draws: Array) -> tuple[float, float] | 
     The ratio of evidences is the posterior mean, over physical `draws (N, D)`, of that of likelihoods
     with finer and present steps.  The result is None without steps, or without a finite response.
     """
-    observations = _stepped(posterior.likelihood)
-    if not observations:
+    references = [_truth(each.response) for each in posterior.likelihood.observations]
+    steps = sum(
+        each.stepping.pieces * len(each.experiment.t) for each in references if each.stepping
+    )
+    if not steps:
         return None
-    finest = [(_steps(_truth(each.response)), each.experiment) for each in observations]
-    steps = sum(stepping.pieces * len(experiment.t) for stepping, experiment in finest)
     n_draws = min(max(MAX_TOTAL_STEPS // steps, MIN_EVIDENCE_DRAWS), MAX_EVIDENCE_DRAWS)
     thinned = draws[:: max(1, -(-len(draws) // n_draws))]
 
     def finer(part: int) -> Posterior:
-        return _with_simulators(posterior, lambda observation: _truth(observation.response, part))
+        return posterior.with_simulators(lambda each: _truth(each.response, part))
 
     coarse, shifts = _log_likelihood(posterior, thinned), []
     for part in (COARSER_TRUTH, 1):
@@ -97,19 +97,25 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
         StepError(
             label=each.label,
             channels=each.experiment.names,
-            pieces=_steps(each.response).pieces,
+            pieces=each.response.stepping.pieces,
             errors=tuple(map(float, _errors(each, each.response, full, theta[None])[0])),
         )
-        for each in _stepped(likelihood)
+        for each in likelihood.observations
+        if each.response.stepping
     )
 
 
 def choose_steps(posterior: Posterior, theta: Array, most: int = MAX_CHOSEN_PIECES) -> Posterior:
     """Return the posterior with the fastest steps, up to `most`, that suffice about `theta (D,)`."""
-    points = _points_around(posterior, theta)
+    # At one point alone, errors may be small by coincidence.
+    relative = np.random.default_rng(0).uniform(-SCATTER, SCATTER, (N_POINTS, len(theta)))
+    relative[0] = 0.0
+    bounds = [(prior.low, prior.high) for prior in posterior.space.priors.values()]
+    low, high = np.array(bounds).reshape(-1, 2).T
+    points = np.clip(theta * (1.0 + relative), low, high)
     full = posterior.likelihood.space.full(points)
     candidates = [(pieces, turns) for pieces, turns in CANDIDATE_STEPS if pieces <= most]
-    return _with_simulators(posterior, lambda each: _fine_enough(each, candidates, full, points))
+    return posterior.with_simulators(lambda each: _fine_enough(each, candidates, full, points))
 
 
 def chosen_steps(posterior: Posterior) -> dict[str, StepSizes]:
@@ -126,49 +132,18 @@ def with_steps(posterior: Posterior, steps: Mapping[str, StepSizes]) -> Posterio
 
     def simulator_of(observation: Observation) -> Simulator:
         size, response = steps.get(observation.label), observation.response
-        return response.with_substeps(*size, adaptive=True) if size else response
+        if not (size and response.stepping):
+            return response
+        return response.with_substeps(*size, adaptive=True)
 
-    return _with_simulators(posterior, simulator_of)
-
-
-def _with_simulators(
-    posterior: Posterior, simulator_of: Callable[[Observation], Simulator]
-) -> Posterior:
-    """Return the posterior with other simulators of stepped observations."""
-
-    def convert(observation: Observation) -> Observation:
-        if not observation.response.stepping:
-            return observation
-        return dataclasses.replace(observation, response=simulator_of(observation))
-
-    return posterior.edit(convert=convert)
-
-
-def _points_around(posterior: Posterior, theta: Array) -> Array:
-    """Return points about `theta`, the first: at one alone, errors may be small by coincidence."""
-    rng = np.random.default_rng(0)
-    relative = rng.uniform(-SCATTER, SCATTER, (N_POINTS, len(theta)))
-    relative[0] = 0.0
-    bounds = [(prior.low, prior.high) for prior in posterior.space.priors.values()]
-    low, high = np.array(bounds).reshape(-1, 2).T
-    return np.clip(theta * (1.0 + relative), low, high)
-
-
-def _stepped(likelihood: Likelihood) -> list[Observation]:
-    return [observation for observation in likelihood.observations if observation.response.stepping]
-
-
-def _steps(response: Simulator) -> Stepping:
-    """Return the steps of a simulator that has them."""
-    assert response.stepping
-    return response.stepping
+    return posterior.with_simulators(simulator_of)
 
 
 def _fine_enough(
     observation: Observation, candidates: Sequence[StepSizes], full: Array, theta: Array
 ) -> Simulator:
     response = observation.response
-    for pieces, turns in candidates:
+    for pieces, turns in candidates if response.stepping else ():
         response = observation.response.with_substeps(pieces, turns, adaptive=True)
         worst = np.sort(_errors(observation, response, full, theta).max(axis=1))
         if not worst[-1 - N_OUTLIERS] > CHOICE_MARGIN * MAX_ERROR_OVER_NOISE:
@@ -178,7 +153,9 @@ def _fine_enough(
 
 def _truth(response: Simulator, part: int = 1) -> Simulator:
     """Return the reference solution, at least twice as fine; `part` divides the refinement."""
-    pieces = _steps(response).pieces
+    if not response.stepping:
+        return response
+    pieces = response.stepping.pieces
     allowed = MAX_TRUTH_STEPS // (pieces * len(response.experiment.t))
     return response.with_substeps(pieces * max(1, max(2, min(TRUTH_REFINEMENT, allowed)) // part))
 

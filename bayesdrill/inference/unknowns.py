@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.duals import Dual
+from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol, superscript
 from bayesdrill.inference.priors import Prior, prior_sd
@@ -190,12 +190,12 @@ def labelled_symbol(symbol: Symbol, label: str) -> Symbol:
     if not label:
         return symbol
     shown = label.replace("_", r"\_")
-    return dataclasses.replace(
-        symbol,
-        name=labelled_name(symbol.name, label),
-        latex=superscript(symbol.latex, rf"\mathrm{{{shown}}}"),
-        meaning=f"{symbol.meaning}, of the experiment {label}",
+    latex = superscript(symbol.latex, rf"\mathrm{{{shown}}}")
+    name, meaning = (
+        labelled_name(symbol.name, label),
+        f"{symbol.meaning}, of the experiment {label}",
     )
+    return dataclasses.replace(symbol, name=name, latex=latex, meaning=meaning)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -263,9 +263,7 @@ class ParameterSpace:
         duals = self.named_slopes(theta)
         out = np.zeros((len(theta), len(self.columns(*SIMULATOR_ROLES)), len(self.model)))
         for column, name in enumerate(self.model):
-            value = duals[name]
-            if isinstance(value, Dual):
-                out[:, :, column] = value.slope
+            out[:, :, column] = dual(duals[name]).slope
         return out
 
     def named_slopes(self, theta: Array) -> dict[str, Dual | float]:

@@ -131,7 +131,7 @@ def analyses_of_friction(of: bd.Case) -> Iterator[Any]:
         speed = speed_symbol(law.against, inertia, model)
         yield [law.where, effort_symbol(law).latex, speed.latex]
         curve = friction_curve(observation, motion, full).sizes
-        yield [motion.gear, motion.stuck, motion.slowest, motion.effort, curve]
+        yield [motion.gear, motion.stuck_later, motion.slowest, motion.effort, curve]
     yield stall_voltage(model, dict(zip(model.parameters, full[0], strict=False)))
 
 

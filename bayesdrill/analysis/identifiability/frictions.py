@@ -6,13 +6,14 @@ why.  Further experiments are tried by computing their information.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from bayesdrill.analysis.friction_motion import FrictionMotion, friction_motions
+from bayesdrill.analysis.friction_motion import friction_motions
 from bayesdrill.analysis.identifiability.information import DesignVariant, SensitivityStudy
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
@@ -125,33 +126,25 @@ def distinguish(
     sensitivity: SensitivityStudy, posterior: Posterior, theta: Array
 ) -> FrictionConfounding:
     """Find frictions that the record can hardly distinguish at `theta (D,)`."""
-    names = (*sensitivity.unknowns, *sensitivity.nuisances)
     roles = sensitivity.model.roles
     wanted = {*rivals(roles), *(name for i in roles.inertias for name in (i.static, i.fading))}
-    if not wanted & {*names}:
+    if not wanted & {*sensitivity.unknowns, *sensitivity.nuisances}:
         return NO_CONFOUNDING
-    rows = sensitivity.with_nuisances(theta)
-    no_draws = np.empty((0, len(theta)))
-    frictions = [f for motions in friction_motions(posterior, theta, no_draws) for f in motions]
-    scene = _FrictionStudy(sensitivity, theta, names, rows, frictions)
+    scene = _FrictionStudy(sensitivity, posterior, theta)
     return FrictionConfounding(alike=tuple(scene.alike()), unseen=tuple(scene.unseen()))
 
 
-@dataclass
 class _FrictionStudy:
     """The study of frictions uses the whitened sensitivities `rows (n, m + k)` of the records."""
 
-    sensitivity: SensitivityStudy
-    theta: Array
-    names: tuple[str, ...]
-    rows: Array
-    frictions: Sequence[FrictionMotion]
-
-    def __post_init__(self) -> None:
+    def __init__(self, sensitivity: SensitivityStudy, posterior: Posterior, theta: Array) -> None:
+        self.sensitivity, self.theta, self.model = sensitivity, theta, sensitivity.model
+        self.names = (*sensitivity.unknowns, *sensitivity.nuisances)
+        self.rows = sensitivity.with_nuisances(theta)
         self.known = self._precision(self.rows)
-        self.model = self.sensitivity.model
-        self.rig = self.sensitivity.rig_at(self.theta)
-        self.drives = drives_of(self.model)
+        motions = friction_motions(posterior, theta, np.empty((0, len(theta))))
+        self.frictions = [*itertools.chain.from_iterable(motions)]
+        self.rig, self.drives = sensitivity.rig_at(theta), drives_of(self.model)
 
     def _precision(self, rows: Array) -> Array:
         return np.asarray(rows.T @ rows + np.diag(self.sensitivity.prior_spreads**-2.0))
@@ -206,13 +199,12 @@ class _FrictionStudy:
             names = [parameter for parameter in (at.static, scale) if parameter in self.names]
             speed, deeds = float(self.rig.get(scale, np.nan)), self._excitation({*names})
             spreads = dict(zip(self.names, self.sensitivity.prior_spreads, strict=True))
-            lost = [n for n in names if self._sd(n, self.known) > LOST_SHARE * spreads[n]]
+            lost = tuple(n for n in names if self._sd(n, self.known) > LOST_SHARE * spreads[n])
             if not lost or deeds is None or deeds.stuck > 0:
                 continue
             if not deeds.slowest < STICTION_GONE_SPEEDS * speed:
-                yield UnseenStiction(
-                    names=tuple(lost), scale=speed, deeds=deeds, proposals=self._proposals(lost[0])
-                )
+                proposed = self._proposals(lost[0])
+                yield UnseenStiction(names=lost, scale=speed, deeds=deeds, proposals=proposed)
 
     def _excitation(self, parameters: set[str]) -> Excitation | None:
         """Return the excitation of the frictions with any of these parameters; None without any."""

@@ -26,7 +26,6 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 from bayesdrill.record.experiment import channels_first, with_states
-from bayesdrill.rig.simulators.contract import Simulator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,27 +179,24 @@ class _ExtendedExperiment:
 
         The result of the last point with the inputs of the record is kept, as it is used repeatedly.
         """
-        arguments = self._one.simulator_parameters
-        at = (arguments(full), arguments(along))
-        if scene.late or scene.times:
+        at = [self._one.simulator_parameters(parameters) for parameters in (full, along)]
+        point, response = b"".join(map(bytes, at)), self._response
+        changed = bool(scene.late or scene.times)
+        if changed:
             pushed = {}
             for name, u in self.base.items():
                 more = (scene.times.get(name, 1.0) - 1.0) * (u + self.constant.get(name, 0.0))
                 pushed[name] = np.asarray(u + more + scene.late.get(name, 0.0) * self._late)
-            scene_record = dataclasses.replace(self._response.experiment, series=pushed)
-            return self._course(self._response.of(scene_record), *at)
-        point = b"".join(argument.tobytes() for argument in at)
-        if self._recorded is None or self._recorded[0] != point:
-            signals, slopes = self._course(self._response, *at)
-            signals.flags.writeable = slopes.flags.writeable = False
-            self._recorded = point, (signals, slopes)
-        return self._recorded[1]
-
-    def _course(self, response: Simulator, full: Array, along: Array) -> tuple[Array, Array]:
-        both = (array[0] for array in response.course(full, along))
+            response = response.of(dataclasses.replace(response.experiment, series=pushed))
+        elif self._recorded is not None and self._recorded[0] == point:
+            return self._recorded[1]
+        both = (array[0] for array in response.course(*at))
         if self._states_alone:
             both = (channels_first(self._one.experiment, self._states, each) for each in both)
         signals, slopes = both
+        if not changed:
+            signals.flags.writeable = slopes.flags.writeable = False
+            self._recorded = point, (signals, slopes)
         return signals, slopes
 
 

@@ -264,17 +264,12 @@ def depends_on_fixed(
         return ()
     values = [space.fixed[name] for name in fixed]
     low, high = FREED_RANGE
-    wider = posterior.edit(
-        free=[
-            Unknown(
-                symbol=dataclasses.replace(model.symbols[called[name]], name=name),
-                role="rig",
-                prior=Uniform(low=low * value, high=high * value),
-                start=value,
-            )
-            for name, value in zip(fixed, values, strict=True)
-        ]
-    )
+    freed = []
+    for name, value in zip(fixed, values, strict=True):
+        symbol = dataclasses.replace(model.symbols[called[name]], name=name)
+        prior = Uniform(low=low * value, high=high * value)
+        freed.append(Unknown(symbol=symbol, role="rig", prior=prior, start=value))
+    wider = posterior.edit(free=freed)
     point = np.insert(theta, len(space.columns("rig", "quantity")), values)
     structure = structure_of(wider, SensitivityStudy(wider.likelihood), point, rng)
     follows = prior_following(known, prior_sd)

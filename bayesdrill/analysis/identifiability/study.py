@@ -115,11 +115,8 @@ def _actions(
             equal[names.index(first)], equal[names.index(second)] = 1.0, -1.0
             yield f"tie {first} = {second}", now.with_knowledge(equal, WEIGHED_TO)
     yield from _added_inertias(sensitivity, theta, now)
-    for what, scene in (
-        *_other_drives(sensitivity),
-        *_more_channels(sensitivity, theta),
-        *_other_inputs(sensitivity, theta),
-    ):
+    others, channels = _other_drives(sensitivity), _more_channels(sensitivity, theta)
+    for what, scene in (*others, *channels, *_other_inputs(sensitivity, theta)):
         yield what, from_sensitivities(names, sensitivity.sensitivities(theta, scene))
 
 
@@ -133,23 +130,18 @@ def _added_inertias(
         symbol = inertia.inertia
         if symbol not in names or symbol in tied:
             continue
-        column = space.free.index(symbol)
+        column, place = space.free.index(symbol), [names.index(symbol)]
         heavier = theta.copy()
         heavier[column] *= 1.0 + ADDED_SHARE
         rows = sensitivity.sensitivities(heavier)
-        total = rows[:, [names.index(symbol)]] / (1.0 + ADDED_SHARE)  # d / d log(j + J) per d log j
-        rows[:, [names.index(symbol)]] = total
+        total = rows[:, place] / (1.0 + ADDED_SHARE)  # d / d log(j + J) per d log j
+        rows[:, place] = total
         weighed = np.append(np.zeros(len(names)), 1.0 / WEIGHED_TO)
-        repeated = project_out(
-            np.vstack([np.hstack([rows, ADDED_SHARE * total]), weighed]), len(names)
-        )
-        unit = sensitivity.model.symbols[symbol].unit
-        size = f"{ADDED_SHARE * theta[column]:.2g} {unit}"
-        root = root_of(np.vstack([now.root, repeated]))
-        yield (
-            f"repeat it with an inertia of {size} (to 1 %) added to {symbol}",
-            Information(names, root),
-        )
+        both = np.vstack([np.hstack([rows, ADDED_SHARE * total]), weighed])
+        root = root_of(np.vstack([now.root, project_out(both, len(names))]))
+        size = f"{ADDED_SHARE * theta[column]:.2g} {sensitivity.model.symbols[symbol].unit}"
+        what = f"repeat it with an inertia of {size} (to 1 %) added to {symbol}"
+        yield what, Information(names, root)
 
 
 def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVariant]]:
@@ -160,8 +152,8 @@ def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVa
         if any(each.constant.get(name, 0.0) or name in each.series for each in experiments):
             typical = float(np.mean([typical_inputs(each)[name] for each in experiments]))
             size = f"{OTHER_DRIVE * typical:.3g} {rig.symbols[name].plain_unit}"
-            what = f"another experiment at {size}"
-            yield what, DesignVariant(times={name: OTHER_DRIVE}, beside=True)
+            other = DesignVariant(times={name: OTHER_DRIVE}, beside=True)
+            yield f"another experiment at {size}", other
 
 
 def _more_channels(
@@ -189,6 +181,7 @@ def _more_channels(
 def _other_inputs(
     sensitivity: SensitivityStudy, theta: Array
 ) -> Iterator[tuple[str, DesignVariant]]:
+    """Yield variants with another drive, no drive or a known load in the second half."""
     rig = sensitivity.model
     for name in drives_of(rig):
         mean = sensitivity.mean_input(name)
@@ -201,28 +194,21 @@ def _other_inputs(
         if free:
             coast = f"let the rig coast down half-way ({free})"
             yield coast, DesignVariant(late={name: -mean})
-    loaded = [i for i in rig.roles.inertias if i.load in sensitivity.inputs]
-    for inertia in loaded:
-        where = f" {inertia.at}" if len(loaded) > 1 else ""
-        yield from _load(sensitivity, theta, inertia.load, where)
-
-
-def _load(
-    sensitivity: SensitivityStudy, theta: Array, torque: str, where: str
-) -> Iterator[tuple[str, DesignVariant]]:
-    """Yield the variant with a known load in the second half, as large as a record well shows."""
-    motion, observations = sensitivity.model.roles.motion, sensitivity.likelihood.observations
-    loaded = sensitivity.motions(theta, DesignVariant(late={torque: 1.0}))
-    changes = []  # largest change of a channel by a unit load, over its range
-    for observation, *both in zip(observations, sensitivity.motions(theta), loaded, strict=True):
-        free, pushed = (x @ observation.experiment.weights(sensitivity.states).T for x in both)
-        with np.errstate(all="ignore"):  # the range of a channel may be zero
-            changes.append(np.max(np.ptp(pushed - free, axis=0) / np.ptp(free, axis=0)))
-    change = float(np.max(changes))
-    if 0 < change < np.inf:
-        load = LOAD_SHARE / change
-        what = f"apply a known load {motion.torque} of {load:.2g} {motion.newtons}{where} half-way"
-        yield what, DesignVariant(late={torque: load})
+    motion, observations = rig.roles.motion, sensitivity.likelihood.observations
+    loads = [i for i in rig.roles.inertias if i.load in sensitivity.inputs]
+    for inertia in loads:  # a known load is as large as a record well shows
+        loaded = sensitivity.motions(theta, DesignVariant(late={inertia.load: 1.0}))
+        changes = []  # largest change of a channel by a unit load, over its range
+        for each, *both in zip(observations, sensitivity.motions(theta), loaded, strict=True):
+            unloaded, pushed = (x @ each.experiment.weights(sensitivity.states).T for x in both)
+            with np.errstate(all="ignore"):  # the range of a channel may be zero
+                changes.append(np.max(np.ptp(pushed - unloaded, axis=0) / np.ptp(unloaded, axis=0)))
+        largest = float(np.max(changes))
+        if 0 < largest < np.inf:
+            load, where = LOAD_SHARE / largest, f" {inertia.at}" if len(loads) > 1 else ""
+            size = f"{load:.2g} {motion.newtons}{where}"
+            what = f"apply a known load {motion.torque} of {size} half-way"
+            yield what, DesignVariant(late={inertia.load: load})
 
 
 MIN_FALL = 2.0  # factor by which an sd would fall if a nuisance that is named were known
@@ -348,6 +334,7 @@ def study_of(
     structure = structure_of(posterior, sensitivity, theta, rng)
     known = from_sensitivities(names, sensitivity.sensitivities(theta))
     prior_sd, tried = prior_spreads(posterior)[: len(names)], tuple[Remedy, ...]()
+    sds = known.with_priors(prior_sd).bounds()
     if seek_remedies:
         tried = remedies(sensitivity, theta, structure.symmetries, prior_sd, of_interest)
     return IdentifiabilityStudy(
@@ -355,13 +342,7 @@ def study_of(
         at=at,
         of_interest=of_interest,
         structure=structure,
-        parameters=_known_products(
-            known,
-            np.eye(len(names)),
-            known.with_priors(prior_sd).bounds(),
-            prior_sd,
-            settings,
-        ),
+        parameters=_known_products(known, np.eye(len(names)), sds, prior_sd, settings),
         products=products(known, prior_sd, simple_exponents(len(names)), settings),
         information=known,
         remedies=tried,
@@ -435,22 +416,20 @@ def _nuisances(
     alike = covariance / np.outer(sds, sds)
     steps = posterior.coordinates.natural(theta[None])[0]
 
-    def nuisance(k: int, name: str) -> Nuisance:
-        falls = [
-            (other, float(1.0 / np.sqrt(max(1.0 - alike[k, j] ** 2, 1e-12))))
-            for j, other in enumerate(sensitivity.unknowns)
-        ]
+    nuisances = []
+    for k, name in enumerate(sensitivity.nuisances, start=len(sensitivity.unknowns)):
+        falls = 1.0 / np.sqrt(np.maximum(1.0 - alike[k] ** 2, 1e-12))
+        pairs = zip(sensitivity.unknowns, falls.tolist(), strict=False)
         before = sensitivity.prior_spreads[k]
-        return Nuisance(
+        nuisance = Nuisance(
             name=name,
             sd=float(sds[k] * steps[k]),
             prior_sd=float(before * steps[k]),
             word=thresholds.classify(float(sds[k] / before)),
-            like=tuple(x for x in sorted(falls, key=lambda fall: -fall[1]) if x[1] > MIN_FALL),
+            like=tuple(x for x in sorted(pairs, key=lambda fall: -fall[1]) if x[1] > MIN_FALL),
         )
-
-    numbered = enumerate(sensitivity.nuisances, start=len(sensitivity.unknowns))
-    return tuple(itertools.starmap(nuisance, numbered))
+        nuisances.append(nuisance)
+    return tuple(nuisances)
 
 
 def prior_spreads(posterior: Posterior) -> Array:

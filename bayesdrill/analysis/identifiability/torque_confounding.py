@@ -20,7 +20,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.record.experiment import Channel, frozen
+from bayesdrill.record.experiment import frozen, with_states
 from bayesdrill.rig.models.latent_torque import SIZE, TorqueLocation, torque_gain
 
 MIN_LOSS = 3.0  # factor by which the torque increases the sd of a parameter that is named
@@ -162,15 +162,7 @@ def _measuring(
 
     Channels without a sample change nothing, and the kernels are the same whatever is measured.
     """
-    full, rig = posterior.space.full(theta[None]), posterior.likelihood.observations[0].response
-    symbols, n_states = rig.model.symbols, len(states)
-    further = tuple(
-        Channel(
-            name=f"state {state}", weights={state: 1.0}, unit=symbols[state].unit,
-            latex="", latex_unit="",
-        )
-        for state in states
-    )  # fmt: skip
+    full, n_states = posterior.space.full(theta[None]), len(states)
 
     def convert(observation: Observation) -> Observation:
         if observation.torque is None:
@@ -178,7 +170,7 @@ def _measuring(
         before, n = observation.experiment, len(observation.experiment.t)
         seen = np.where(np.array(states) == measured, 0.0, np.nan)
         y, k = np.column_stack([before.y, np.tile(seen, (n, 1))]), len(before.channels)
-        shown = dataclasses.replace(before, channels=(*before.channels, *further), y=frozen(y))
+        shown = dataclasses.replace(with_states(before, states), y=frozen(y))
         response = observation.response.of(shown)
         spreads = response.signals(observation.simulator_parameters(full))[0, :, k:].std(axis=0)
         known = {j: SENSOR_NOISE * float(spread) or 1.0 for j, spread in enumerate(spreads)}

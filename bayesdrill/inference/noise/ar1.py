@@ -40,10 +40,6 @@ class ChannelSpacing:
     gaps: Array | None
     all_gaps: Array | None
 
-    @property
-    def _intervals(self) -> Array:
-        return np.ones(1) if self.gaps is None else self.gaps
-
     def conditional(self, rho: Any) -> tuple[Any, Any]:
         """Return the weight of the previous sample in the conditional mean, and the conditional sd.
 
@@ -55,7 +51,8 @@ class ChannelSpacing:
             out[:, 1:] = weights
             return out
 
-        weight = linear_map(with_first, rho[:, None] ** self._intervals)
+        intervals = np.ones(1) if self.gaps is None else self.gaps
+        weight = linear_map(with_first, rho[:, None] ** intervals)
         return weight, ((1.0 - weight) * (1.0 + weight)) ** 0.5
 
     def predicted(self, samples: Array, rho: Array) -> Array:
@@ -141,12 +138,12 @@ def _gaps(gaps: Array) -> Array | None:
 
 
 def _without_memory(samples: Any, weight: Any) -> Any:
-    return samples - weight * linear_map(_delayed, samples)
+    """Return samples minus `weight` times the previous sample, which is zero for the first."""
 
+    def delayed(x: Array) -> Array:
+        return np.concatenate([np.zeros_like(x[:, :1]), x[:, :-1]], axis=1)
 
-def _delayed(samples: Array) -> Array:
-    """Return the previous sample of each, and zero for the first."""
-    return np.concatenate([np.zeros_like(samples[:, :1]), samples[:, :-1]], axis=1)
+    return samples - weight * linear_map(delayed, samples)
 
 
 def _sum_weights(rho: Any) -> list[Any]:
@@ -161,8 +158,7 @@ def _sum_weights(rho: Any) -> list[Any]:
 
 def _squared_innovations(rho: Any, sums: Array) -> Any:
     """Return the sum of squared innovations for sigma 1, from `Residuals.neighbours`."""
-    terms = [weight * sums[..., n] for n, weight in enumerate(_sum_weights(rho))]
-    return terms[0] + terms[1] + terms[2]
+    return sum(weight * sums[..., n] for n, weight in enumerate(_sum_weights(rho)))
 
 
 START_RHO = 0.3  # a search begins here
@@ -193,7 +189,6 @@ class AR1:
 
     @classmethod
     def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> AR1:
-        """Build the noise of these channels."""
         levels = White.from_channels(channels, n_samples)
         memory = ChannelNumbers(tuple(c.entries.get("rho") for c in channels), len(levels.unknowns))
         declared = {"prior": Uniform(0.0, 1.0), "start": START_RHO, "transform": (0.0, 1.0)}
@@ -201,25 +196,20 @@ class AR1:
         return cls(levels=levels, memory=memory, unknowns=(*levels.unknowns, *own))
 
     def for_length(self, n_samples: int) -> AR1:
-        """Return the same noise for a record of another length."""
         return dataclasses.replace(self, levels=self.levels.for_length(n_samples), spacing=None)
 
     def at_times(self, t: Array, seen: Flags) -> AR1:
-        """Return the same noise at times `t (T,)`, where channels were seen `(T, K)`."""
         levels = self.levels.for_length(len(t)).with_counts(tuple(int(n) for n in seen.sum(axis=0)))
         spacing = Spacing(tuple(_channel_spacing(t, column) for column in seen.T), seen)
         return dataclasses.replace(self, levels=levels, spacing=spacing)
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return given sigmas and correlations by index of the channel."""
         return self.memory.with_sizes(self.levels.known)
 
     def scales(self, theta: Array) -> Array:
-        """Return the standard deviation of a single sample `(W, K)`, SI."""
         return self.levels.scales(theta)
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
-        """Return the log likelihood `(W, K)`."""
         if self._uneven is not None:
             terms = self.pointwise(residuals.samples, theta)
             return np.asarray(np.where(self._uneven.seen, terms, 0.0).sum(axis=1))
@@ -237,25 +227,20 @@ class AR1:
         return np.asarray(weights / self.scales(theta)[..., None] ** 2)
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        """Return the log density `(W, T, K)` of each sample given those before it."""
         sizes = log(affine_map(self.scales, theta))[:, None] + 0.5 * math.log(2 * math.pi)
         return self._by_channel(ChannelSpacing.log_density, samples, theta) - sizes
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return whitened residuals `(W, T, K)`."""
         return self._by_channel(ChannelSpacing.innovations, samples, theta)
 
     def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return samples minus their predictions from earlier ones, `(W, T, K)`, SI."""
         predicted = self._by_channel(ChannelSpacing.predicted, samples, theta)
         return predicted * self.scales(theta)[:, None]
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
-        """Return whitened shifts of signals `(W, T, K)`."""
         return np.nan_to_num(self.whiten(shifts, theta))
 
     def score(self, samples: Array, theta: Array) -> Array:
-        """Return d log likelihood / d model signal: `(W, T, K)`."""
         by_scaled = self._by_channel(ChannelSpacing.score, samples, theta)
         return by_scaled / self.scales(theta)[:, None]
 
@@ -265,7 +250,7 @@ class AR1:
         """Apply `function` to samples over sigma and rho by channel, `(W, T, K)`; NaN if missing."""
         sigma, rho = (affine_map(f, theta) for f in (self.scales, self.memory.values))
         values = dual(samples).value
-        channels = [*enumerate(self._spacing(values).channels)]
+        channels = [*enumerate(self._channels)]
         results = [
             function(channel, samples[:, channel.rows, k] / sigma[:, k, None], rho[:, k])
             for k, channel in channels
@@ -302,14 +287,12 @@ class AR1:
         return slope, pair_matrix(pairs, self._free)
 
     def expected(self, theta: Array) -> Array:
-        """Return the expected curvature."""
         return np.asarray(pair_matrix(self._pairs(self.memory.values(theta[None])), self._free)[0])
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """Draw signals `(W, T, K)` with fresh noise."""
         sigma, rho = self.scales(theta), self.memory.values(theta)
         out = rng.standard_normal(signals.shape)
-        for k, channel in enumerate(self._spacing(signals).channels):
+        for k, channel in enumerate(self._channels):
             channel.correlate(out[:, :, k], rho[:, k])
         return signals + sigma[:, None, :] * out
 
@@ -323,11 +306,12 @@ class AR1:
         spacing = self.spacing
         return spacing if spacing and any(c.gaps is not None for c in spacing.channels) else None
 
-    def _spacing(self, samples: Array) -> Spacing:
-        return self.spacing or even_spacing(*samples.shape[1:])
+    @property
+    def _channels(self) -> tuple[ChannelSpacing, ...]:
+        spacing = self.spacing or even_spacing(self.levels.n_samples, self.levels.n_channels)
+        return spacing.channels
 
     def _pairs(self, rho: Array) -> Array:
         """Return the information `(W, K, 2, 2)` on the log of sigma and on rho."""
-        spacing = self.spacing or even_spacing(self.levels.n_samples, self.levels.n_channels)
-        each = [channel.information(rho[:, k]) for k, channel in enumerate(spacing.channels)]
+        each = [channel.information(rho[:, k]) for k, channel in enumerate(self._channels)]
         return np.stack(each, axis=1)

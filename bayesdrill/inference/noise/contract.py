@@ -1,4 +1,7 @@
-"""A noise, whose contract is defined here, is the distribution of residuals of some channels."""
+"""A noise, whose contract is defined here, is the distribution of residuals of some channels.
+
+Modules of the kinds of noise do not repeat the descriptions of `Noise`.
+"""
 
 from __future__ import annotations
 
@@ -33,40 +36,13 @@ class NoisyChannel:
     factor: float = 1.0
 
 
-class Residuals(Protocol):
-    """Residuals are measured minus modelled values at W points, of K channels.
-
-    Sums are those of `Simulator`, which computes them without keeping samples.
-    """
-
-    @property
-    def neighbours(self) -> Array:
-        """Return sums over neighbouring samples `(W, K, 3)`."""
-
-    def logs(self, weights: Array) -> Array:
-        """Return sums of logs `(W, K)`; see `Simulator.logs`."""
-
-    def intervals(self, over: Array, half: Array) -> Array:
-        """Return sums over intervals `(W, K)`; see `Simulator.intervals`."""
-
-    def weighted_squares(self, weights: Array) -> Array:
-        """Return sums of squares `(W, K)` of the residuals times `weights (W, K)`."""
-
-    @property
-    def squares(self) -> Array:
-        """Return sums of squares `(W, K)`."""
-
-    @property
-    def samples(self) -> Array:
-        """Return all residuals `(W, T, K)`."""
-
-
 @dataclass(frozen=True)
 class SimulatorResiduals:
-    """Residuals of a simulator are evaluated when they are first used.
+    """Residuals are measured minus modelled values at W points, evaluated when they are first used.
 
     `full (W, P)` has the parameters of this simulator alone.  Samples are NaN where nothing was
-    measured.  `over_scales (W, K)` are weighted sums of squares, if a kernel has computed them.
+    measured.  Sums of K channels are computed without keeping samples.  `over_scales (W, K)` are
+    weighted sums of squares, if a kernel has computed them.
     """
 
     response: Simulator
@@ -84,21 +60,70 @@ class SimulatorResiduals:
         return np.asarray(self.response.experiment.y - self.response.signals(self.full))
 
     def weighted_squares(self, weights: Array) -> Array:
-        """Return sums of squares `(W, K)` of the residuals times `weights`."""
+        """Return sums of squares `(W, K)` of the residuals times `weights (W, K)`."""
         return self.squares * weights**2 if self.over_scales is None else self.over_scales
 
     @cached_property
     def neighbours(self) -> Array:
-        """Return sums over neighbouring samples, see `Simulator.neighbours`."""
+        """Return sums over neighbouring samples `(W, K, 3)`, see `Simulator.neighbours`."""
         return self.response.neighbours(self.full)
 
     def logs(self, weights: Array) -> Array:
-        """Return sums of logs, see `Simulator.logs`."""
+        """Return sums of logs `(W, K)`, see `Simulator.logs`."""
         return self.response.logs(self.full, weights)
 
     def intervals(self, over: Array, half: Array) -> Array:
-        """Return sums over intervals, see `Simulator.intervals`."""
+        """Return sums over intervals `(W, K)`, see `Simulator.intervals`."""
         return self.response.intervals(self.full, over, half)
+
+
+UNBOUNDED_HALF = 1e3  # half-width, in sds, of an interval so wide that its probability is one
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelResiduals:
+    """Residuals of a record are restricted to the channels `columns`, out of `n_channels`."""
+
+    residuals: Residuals
+    columns: tuple[int, ...]
+    n_channels: int
+
+    @property
+    def squares(self) -> Array:
+        """Return sums of squares `(W, K)`."""
+        return self.residuals.squares[..., self.columns]
+
+    @property
+    def samples(self) -> Array:
+        """Return their residuals `(W, T, K)`."""
+        return self.residuals.samples[..., self.columns]
+
+    @property
+    def neighbours(self) -> Array:
+        """Return sums over neighbouring samples `(W, K, 3)`."""
+        return self.residuals.neighbours[:, self.columns]
+
+    def weighted_squares(self, weights: Array) -> Array:
+        """Return sums of squares `(W, K)` of the residuals times `weights (W, K)`."""
+        return self.squares * weights**2
+
+    def logs(self, weights: Array) -> Array:
+        """Return sums of logs `(W, K)`."""
+        return self.residuals.logs(self._all_channels(weights, 0.0))[:, self.columns]
+
+    def intervals(self, over: Array, half: Array) -> Array:
+        """Return sums over intervals `(W, K)`."""
+        scaled = self._all_channels(over, 0.0), self._all_channels(half, UNBOUNDED_HALF)
+        return self.residuals.intervals(*scaled)[:, self.columns]
+
+    def _all_channels(self, numbers: Array, fill: float) -> Array:
+        """Return `numbers` in their places among all channels, with `fill` in the others."""
+        out = np.full((len(numbers), self.n_channels), fill)
+        out[:, self.columns] = numbers
+        return out
+
+
+Residuals = SimulatorResiduals | ChannelResiduals
 
 
 class Noise(Protocol):
@@ -217,11 +242,8 @@ class ChannelNumbers:
 
     def values(self, theta: Array) -> Array:
         """Return the numbers of all channels `(W, K)`."""
-        out = np.empty((len(theta), len(self.fixed)))
-        column = self.first
-        for k, value in enumerate(self.fixed):
-            out[:, k] = theta[:, column] if value is None else value
-            column += value is None
+        out = np.tile(np.array(self.fixed, dtype=np.float64), (len(theta), 1))
+        out[:, self.free] = theta[:, self.first : self.first + len(self.free)]
         return out
 
     def with_sizes(self, sizes: Mapping[int, float]) -> dict[int, object]:
@@ -280,9 +302,6 @@ def pair_matrix(pairs: Array, channel_indices: tuple[list[int], list[int]]) -> A
     and those whose second is; the unknowns have this order.
     """
     unknowns = [(k, which) for which, channels in enumerate(channel_indices) for k in channels]
-    out = np.zeros((*pairs.shape[:-3], len(unknowns), len(unknowns)))
-    for i, (k, first_index) in enumerate(unknowns):
-        for j, (other, second_index) in enumerate(unknowns):
-            if k == other:
-                out[..., i, j] = pairs[..., k, first_index, second_index]
-    return out
+    k, which = np.array(unknowns, dtype=np.intp).reshape(-1, 2).T
+    blocks = pairs[..., k[:, None], which[:, None], which]
+    return np.where(k[:, None] == k, blocks, 0.0)

@@ -10,10 +10,8 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.basics.duals import linear_map
-from bayesdrill.inference.noise.contract import Noise, Residuals, as_matrix
+from bayesdrill.inference.noise.contract import ChannelResiduals, Noise, Residuals, as_matrix
 from bayesdrill.inference.unknowns import Unknown
-
-UNBOUNDED_HALF = 1e3  # half-width, in sds, of an interval so wide that its probability is one
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,58 +32,18 @@ def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
 
     Raises `ValueError` if samples are missing and the noise needs every one.
     """
-    at_times = getattr(noise, "at_times", None)
+    at_times: Callable[..., Noise] | None = getattr(noise, "at_times", None)
     if at_times is not None:
-        timed: Noise = at_times(t, seen)
-        return timed
+        return at_times(t, seen)
     if seen.all():
         return noise
-    with_counts = getattr(noise, "with_counts", None)
+    with_counts: Callable[..., Noise] | None = getattr(noise, "with_counts", None)
     if with_counts is None:
         raise ValueError(
             f"noise of the kind {type(noise).__name__} needs every sample, and the record lacks "
             "some; use white noise, or a part of the record without gaps (record.window)"
         )
-    counted: Noise = with_counts(tuple(int(n) for n in seen.sum(axis=0)))
-    return counted
-
-
-@dataclass(frozen=True, slots=True)
-class _ChannelResiduals:
-    """Residuals of a record are restricted to the channels `columns`, out of `n_channels`."""
-
-    residuals: Residuals
-    columns: tuple[int, ...]
-    n_channels: int
-
-    @property
-    def squares(self) -> Array:
-        """Return sums of squares `(W, K)`."""
-        return self.residuals.squares[..., self.columns]
-
-    @property
-    def samples(self) -> Array:
-        return self.residuals.samples[..., self.columns]
-
-    @property
-    def neighbours(self) -> Array:
-        return self.residuals.neighbours[:, self.columns]
-
-    def logs(self, weights: Array) -> Array:
-        return self.residuals.logs(self._all_channels(weights, 0.0))[:, self.columns]
-
-    def intervals(self, over: Array, half: Array) -> Array:
-        scaled = self._all_channels(over, 0.0), self._all_channels(half, UNBOUNDED_HALF)
-        return self.residuals.intervals(*scaled)[:, self.columns]
-
-    def _all_channels(self, numbers: Array, fill: float) -> Array:
-        """Return `numbers` in their places among all channels, with `fill` in the others."""
-        out = np.full((len(numbers), self.n_channels), fill)
-        out[:, self.columns] = numbers
-        return out
-
-    def weighted_squares(self, weights: Array) -> Array:
-        return self.squares * weights**2
+    return with_counts(tuple(int(n) for n in seen.sum(axis=0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +61,6 @@ class Mixed:
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        """Return the unknowns of all parts."""
         return tuple(unknown for part in self.parts for unknown in part.noise.unknowns)
 
     @property
@@ -112,18 +69,15 @@ class Mixed:
         return sum(len(part.columns) for part in self.parts)
 
     def for_length(self, n_samples: int) -> Mixed:
-        """Return the same noise for a record of another length."""
         parts = (ChannelNoise(p.noise.for_length(n_samples), p.columns) for p in self.parts)
         return Mixed(tuple(parts))
 
     def at_times(self, t: Array, seen: Flags) -> Mixed:
-        """Return the same noise for times `t (T,)`, at which only samples `seen (T, K)` exist."""
         noises = (noise_for_record(p.noise, t, seen[:, p.columns]) for p in self.parts)
         pairs = zip(noises, self.parts, strict=True)
         return Mixed(tuple(ChannelNoise(noise, part.columns) for noise, part in pairs))
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return fixed values by index of the channel."""
         each = ((p.columns, p.noise.fixed_values()) for p in self.parts)
         return {columns[k]: fixed for columns, values in each for k, fixed in values.items()}
 
@@ -139,43 +93,34 @@ class Mixed:
         return out
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
-        """Return the log likelihood `(W, K)`."""
         return self._each(
             lambda p, at: p.noise.log_likelihood(self._residuals(residuals, p), at), theta
         )
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        """Return the log density `(W, T, K)` of each sample given those before it."""
         return self._each(lambda p, at: p.noise.pointwise(samples[..., p.columns], at), theta)
 
     def scales(self, theta: Array) -> Array:
-        """Return the standard deviation of a single sample `(W, K)`, SI."""
         return self._each(lambda p, at: p.noise.scales(at), theta)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return whitened residuals `(W, T, K)`."""
         return self._each(lambda p, at: p.noise.whiten(samples[..., p.columns], at), theta)
 
     def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return each sample minus its prediction from those before it: `(W, T, K)`, SI."""
         return self._each(lambda p, at: p.noise.innovations(samples[..., p.columns], at), theta)
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
-        """Return small changes `shifts (W, T, K)` of the model signals, whitened."""
         return self._each(
             lambda p, at: p.noise.whitened_jacobian(shifts[..., p.columns], at), theta
         )
 
     def score(self, samples: Array, theta: Array) -> Array:
-        """Return d log likelihood / d model signal: `(W, T, K)`."""
         return self._each(lambda p, at: p.noise.score(samples[..., p.columns], at), theta)
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """Draw signals `(W, T, K)` with fresh noise."""
         return self._each(lambda p, at: p.noise.draw(signals[..., p.columns], at, rng), theta)
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
-        """Return gradient and curvature of the log likelihood by the unknowns of all parts."""
         parts = [
             part.noise.noise_score(self._residuals(residuals, part), at)
             for part, at in self._split(theta)
@@ -184,7 +129,6 @@ class Mixed:
         return np.concatenate(slopes, axis=-1), self._block_diagonal(curvatures, theta)
 
     def expected(self, theta: Array) -> Array:
-        """Return the expected curvature."""
         curvatures = [part.noise.expected(at) for part, at in self._split(theta)]
         return self._block_diagonal(curvatures, theta)
 
@@ -198,8 +142,8 @@ class Mixed:
             first = block.stop
         return out
 
-    def _residuals(self, residuals: Residuals, part: ChannelNoise) -> _ChannelResiduals:
-        return _ChannelResiduals(residuals, part.columns, self.n_channels)
+    def _residuals(self, residuals: Residuals, part: ChannelNoise) -> ChannelResiduals:
+        return ChannelResiduals(residuals, part.columns, self.n_channels)
 
     def _split(self, theta: Any) -> Iterator[tuple[ChannelNoise, Any]]:
         first = 0

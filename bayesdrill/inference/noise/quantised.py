@@ -60,15 +60,12 @@ class Quantised(IndependentNoise):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        """Return the unknown sigmas."""
         return self.levels.unknowns
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return given sigmas and steps by index of the channel."""
         return {k: (self.levels.known.get(k), step) for k, step in enumerate(self.steps)}
 
     def scales(self, theta: Array) -> Array:
-        """Return the standard deviation of a single sample `(W, K)`, SI."""
         variances = self.levels.scales(theta) ** 2 + np.array(self.steps) ** 2 / 12.0
         return np.asarray(np.sqrt(variances))
 
@@ -90,7 +87,6 @@ class Quantised(IndependentNoise):
         return np.asarray(log_mass)
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        """Return the log density `(W, T, K)` of each sample."""
         scales = affine_map(self.levels.scales, theta)
         return self._log_mass(samples, scales) - np.log(self.steps)
 
@@ -116,7 +112,6 @@ class Quantised(IndependentNoise):
         return slope[:, free], curvature[:, free]
 
     def expected(self, theta: Array) -> Array:
-        """Return the expected curvature."""
         _, size = _information(np.array(self.steps) / self.levels.scales(theta[None])[0])
         return np.asarray(self.levels.sizes * size)[list(self.levels.unknown)]
 

@@ -52,7 +52,6 @@ class StudentT(IndependentNoise):
 
     @classmethod
     def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> StudentT:
-        """Build the noise of these channels."""
         levels = White.from_channels(channels, n_samples)
         fixed = tuple(c.entries.get("degrees") for c in channels)
         degrees = ChannelNumbers(fixed, len(levels.unknowns))
@@ -62,22 +61,18 @@ class StudentT(IndependentNoise):
         return cls(levels=levels, degrees=degrees, unknowns=(*levels.unknowns, *own))
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return given scales and degrees by index of the channel."""
         return self.degrees.with_sizes(self.levels.known)
 
     def scales(self, theta: Array) -> Array:
-        """Return the standard deviation of a single sample `(W, K)`, SI."""
         nu = self.degrees.values(theta)
         return np.asarray(self.levels.scales(theta) * np.sqrt(nu / (nu - 2.0)))
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
-        """Return the log likelihood `(W, K)`."""
         scale, nu = self.levels.scales(theta), self.degrees.values(theta)
         logs = residuals.logs(1.0 / (nu * scale**2))
         return np.asarray(self.levels.sizes * _constant(scale, nu) - 0.5 * (nu + 1.0) * logs)
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        """Return the log density `(W, T, K)` of each sample."""
         return _log_density(samples, *self._each(theta))
 
     def whiten(self, samples: Array, theta: Array) -> Array:
@@ -87,7 +82,6 @@ class StudentT(IndependentNoise):
         return np.asarray(-np.sign(samples) * scipy.special.ndtri(tail))
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
-        """Return whitened shifts of signals `(W, T, K)`."""
         scale, nu = self._each(theta)
         return np.asarray(shifts / scale * np.sqrt((nu + 1.0) / (nu + 3.0)))
 
@@ -105,11 +99,9 @@ class StudentT(IndependentNoise):
         return slope, pair_matrix(pairs, self._free)
 
     def expected(self, theta: Array) -> Array:
-        """Return the expected curvature."""
         return np.asarray(pair_matrix(self._pairs(self.degrees.values(theta[None])), self._free)[0])
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """Draw signals `(W, T, K)` with fresh noise."""
         scale, nu = self._each(theta)
         return np.asarray(signals + scale * rng.standard_t(np.broadcast_to(nu, signals.shape)))
 

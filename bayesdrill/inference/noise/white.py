@@ -56,11 +56,9 @@ class White:
         return tuple(k for k in range(self.n_channels) if k not in self.known)
 
     def for_length(self, n_samples: int) -> White:
-        """Return the same noise for a record of another length."""
         return dataclasses.replace(self, n_samples=n_samples, counts=None)
 
     def with_counts(self, counts: tuple[int, ...]) -> White:
-        """Return the same noise for `counts (K,)` samples of the channels."""
         return dataclasses.replace(self, counts=counts)
 
     @property
@@ -69,11 +67,9 @@ class White:
         return np.array(self.counts or (self.n_samples,) * self.n_channels, dtype=np.float64)
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return the given sigmas by index of the channel."""
         return self.known
 
     def scales(self, theta: Array) -> Array:
-        """Return the standard deviation of a single sample `(W, K)`, SI."""
         out = np.empty((len(theta), self.n_channels))
         for k, sigma in self.known.items():
             out[:, k] = sigma
@@ -86,18 +82,15 @@ class White:
         return np.asarray((1.0 / self.scales(theta)[..., None]) ** 2)
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
-        """Return the log likelihood `(W, K)`."""
         sigma = self.scales(theta)
         constant = -0.5 * self.sizes * math.log(2 * math.pi)
         return constant - self.sizes * np.log(sigma) - 0.5 * residuals.squares / sigma**2
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        """Return the log density `(W, T, K)` of each sample."""
         sigma = affine_map(self.scales, theta)[:, None]
         return -0.5 * math.log(2 * math.pi) - log(sigma) - 0.5 * (samples / sigma) ** 2
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return whitened residuals `(W, T, K)`."""
         return samples / self.scales(theta)[:, None, :]
 
     def innovations(self, samples: Array, theta: Array) -> Array:
@@ -105,11 +98,9 @@ class White:
         return samples
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
-        """Return whitened shifts of signals `(W, T, K)`."""
         return shifts / self.scales(theta)[:, None, :]
 
     def score(self, samples: Array, theta: Array) -> Array:
-        """Return d log likelihood / d model signal: `(W, T, K)`."""
         return samples / self.scales(theta)[:, None, :] ** 2
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
@@ -124,11 +115,9 @@ class White:
         return squares - n, 2.0 * np.maximum(squares, n)
 
     def expected(self, theta: Array) -> Array:
-        """Return the expected curvature."""
         return 2.0 * self.sizes[list(self.unknown)]
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """Draw signals `(W, T, K)` with fresh noise."""
         return signals + self.scales(theta)[:, None, :] * rng.standard_normal(signals.shape)
 
 
@@ -140,22 +129,18 @@ class IndependentNoise:
     levels: White
 
     def for_length(self, n_samples: int) -> Self:
-        """Return the same noise for a record of another length."""
         return self._with(self.levels.for_length(n_samples))
 
     def with_counts(self, counts: tuple[int, ...]) -> Self:
-        """Return the same noise for `counts (K,)` samples of the channels."""
         return self._with(self.levels.with_counts(counts))
 
     def _with(self, levels: White) -> Self:
         return dataclasses.replace(self, levels=levels)  # type: ignore[type-var]  # subclasses are
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        """Return the log density `(W, T, K)` of each sample."""
         raise NotImplementedError
 
     def score(self, samples: Array, theta: Array) -> Array:
-        """Return d log likelihood / d model signal: `(W, T, K)`."""
         moved = Dual(samples, -np.ones_like(samples))
         return np.asarray(self.pointwise(moved, Dual(theta, np.zeros_like(theta))).slope)
 

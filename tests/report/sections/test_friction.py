@@ -79,7 +79,7 @@ def test_the_fit_shows_frictions_with_their_bands_and_where_they_stick() -> None
         assert (foot, top) == pytest.approx((low.min(), high.max()))
     motor, rotor = frictions
     true = simulate(Rig(p={**NOMINAL, "t_f": 0.0, **TRUTH}), T, V)
-    assert rotor.stuck == pytest.approx(true.stuck[:, 1].mean(), abs=0.03)
+    assert rotor.sticks.mean() == pytest.approx(true.stuck[:, 1].mean(), abs=0.03)
     assert rotor.intervals[0][0] == 0.0
     assert len(rotor.intervals) > 1
     assert motor.reversals == 3
