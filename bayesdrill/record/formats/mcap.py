@@ -9,7 +9,7 @@ from typing import Any
 
 from bayesdrill.basics.errors import InputError, report_damage
 from bayesdrill.record.formats.arrays import CUT_SHORT
-from bayesdrill.record.formats.samples import Samples, merged_table
+from bayesdrill.record.formats.samples import Samples, add_sample, merged_table
 from bayesdrill.record.formats.table import RecordTable, missing_package, read_bytes
 
 CONVERSION = 'convert it by the two lines "MCAP with ROS 2 messages" of docs/record.md'
@@ -24,7 +24,8 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
         from mcap.reader import make_reader
     except ImportError:
         raise missing_package(path, "an MCAP file", "mcap") from None
-    signals, ignored, first = Samples(), dict[str, str](), None
+    signals: Samples = {}
+    ignored, first = dict[str, str](), None
     with report_damage(str(path), f"the MCAP file {CUT_SHORT}"), path.open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages():
             first = message.log_time if first is None else first
@@ -33,7 +34,7 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
                 ignored[channel.topic] = f"{encoding}; {CONVERSION}"
                 continue
             for name, value in _leaves(channel.topic, json.loads(message.data)):
-                signals.add(name, 1e-9 * (message.log_time - first), value)
+                add_sample(signals, name, 1e-9 * (message.log_time - first), value)
     return merged_table(path, signals, ignored, wanted)
 
 

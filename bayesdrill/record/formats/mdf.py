@@ -21,7 +21,8 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
         from asammdf import MDF
     except ImportError:
         raise missing_package(path, "an MDF file", "mdf") from None
-    signals, ignored, units = Samples(), dict[str, str](), dict[str, str]()
+    signals: Samples = {}
+    ignored, units = dict[str, str](), dict[str, str]()
     with report_damage(str(path), f"the MDF file {CUT_SHORT}"), MDF(str(path)) as file:
         masters = {(group, index) for group, index in file.masters_db.items()}
         for name, places in file.channels_db.items():
@@ -32,6 +33,7 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
                 if signal.samples.ndim != 1 or signal.samples.dtype.kind not in "fiub":
                     ignored[name] = "is not a channel of numbers"
                     continue
-                signals.extend(name, signal.timestamps, signal.samples.astype(np.float64))
+                values = signal.samples.astype(np.float64).tolist()
+                signals[name] = [*zip(signal.timestamps.tolist(), values, strict=True)]
                 units[name] = str(signal.unit or "")
     return merged_table(path, signals, ignored, wanted, units)

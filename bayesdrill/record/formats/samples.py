@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,38 +17,17 @@ ONE_PASS = 0.05  # steps of the fastest signal, within which samples are of one 
 TIME = "log_time"  # name of the column with the union of all times
 
 
-class Samples:
-    """The samples are those of signals that have times of their own, by name."""
+type Samples = dict[str, list[tuple[float, float]]]
+"""Times [s] and values of each signal, by name."""
 
-    def __init__(self) -> None:
-        self._parts: dict[str, list[tuple[Any, Any]]] = {}
 
-    def add(self, name: str, time: float, value: float | Sequence[float]) -> None:
-        """Add a sample at a time [s]; the values of a list are signals `name.0`, `name.1`, ..."""
-        if isinstance(value, Sequence):
-            for k, item in enumerate(value):
-                self._parts.setdefault(f"{name}.{k}", []).append((time, item))
-        else:
-            self._parts.setdefault(name, []).append((time, value))
-
-    def extend(self, name: str, times: Array, values: Array) -> None:
-        """Add all samples of a signal, `(n,)`."""
-        self._parts[name] = [*zip(times.tolist(), values.tolist(), strict=True)]
-
-    def arrays(self, wanted: Collection[str] | None) -> dict[str, tuple[Array, Array]]:
-        """Return times and values `(n,)` of the `wanted` signals, in the order of time."""
-        pairs = {
-            name: np.array(part, dtype=np.float64).reshape(-1, 2).T
-            for name, part in self._parts.items()
-            if wanted is None or name in wanted
-        }
-        ordered = {name: np.argsort(t, kind="stable") for name, (t, _) in pairs.items()}
-        return {name: (t[ordered[name]], x[ordered[name]]) for name, (t, x) in pairs.items()}
-
-    @property
-    def names(self) -> list[str]:
-        """Return the names of all signals."""
-        return [*self._parts]
+def add_sample(samples: Samples, name: str, time: float, value: float | Sequence[float]) -> None:
+    """Add a sample at a time [s]; the values of a list are signals `name.0`, `name.1`, ..."""
+    if isinstance(value, Sequence):
+        for k, item in enumerate(value):
+            add_sample(samples, f"{name}.{k}", time, item)
+    else:
+        samples.setdefault(name, []).append((time, value))
 
 
 def _union(times: Sequence[Array]) -> Array:
@@ -71,21 +50,25 @@ def merged_table(
     units: Mapping[str, str] | None = None,
 ) -> RecordTable:
     """Return the `wanted` signals at the union of their times [s], and NaN at the times of others."""
-    signals = samples.arrays(wanted)
-    if not samples.names:
+    used = {name: part for name, part in samples.items() if wanted is None or name in wanted}
+    signals = {
+        name: np.array(sorted(part, key=itemgetter(0)), dtype=np.float64).reshape(-1, 2)
+        for name, part in used.items()
+    }
+    if not samples:
         refusal = next((f", and {name} {why}" for name, why in ignored.items()), "")
         way_out = refusal or "; record again, or name another file"
         raise InputError.at(str(path), f"holds no numbers that can be read{way_out}")
-    union = _union([t for t, _ in signals.values()])
+    union = _union([signal[:, 0] for signal in signals.values()])
     if 8.0 * len(union) * (len(signals) + 1) > LARGEST_FILE:
         size = f"has {len(signals)} signals at {len(union)} times, too many for one table"
         raise InputError.at(str(path), f"{size}; save those of the rig alone")
     variables = {TIME: union}
-    for name, (t, x) in signals.items():
+    for name, signal in signals.items():
         column = np.full(len(union), np.nan)
-        column[np.searchsorted(union, t, "right") - 1] = x
+        column[np.searchsorted(union, signal[:, 0], "right") - 1] = signal[:, 1]
         variables[name] = column
-    unread = [name for name in samples.names if name not in variables]
+    unread = [name for name in samples if name not in variables]
     return RecordTable(
         path=path,
         variables=variables,

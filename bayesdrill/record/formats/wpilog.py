@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.record.formats.samples import Samples, merged_table
+from bayesdrill.record.formats.samples import Samples, add_sample, merged_table
 from bayesdrill.record.formats.table import RecordTable, read_bytes
 
 _DTYPES = {"double": "<f8", "float": "<f4", "int64": "<i8", "boolean": "?"}
@@ -45,7 +45,8 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     raw = read_bytes(path)
     if not raw.startswith(b"WPILOG") or len(raw) < _HEADER:
         raise InputError.at(str(path), "is not a WPILOG file; rename it to match its format")
-    names, signals, ignored = dict[int, tuple[str, str]](), Samples(), dict[str, str]()
+    signals: Samples = {}
+    names, ignored = dict[int, tuple[str, str]](), dict[str, str]()
     for entry, time, payload in _records(raw):
         if entry == 0 and payload[:1] == bytes([_START]) and len(payload) > 4:
             (number,) = struct.unpack_from("<I", payload, 1)
@@ -58,5 +59,6 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
                 ignored[name] = f"is of type {kind}, not numbers"
                 continue
             values = np.frombuffer(payload, dtype).tolist()
-            signals.add(name, 1e-6 * time, values if kind.endswith("[]") else values[0])
+            values = values if kind.endswith("[]") else values[0]
+            add_sample(signals, name, 1e-6 * time, values)
     return merged_table(path, signals, ignored, wanted)
