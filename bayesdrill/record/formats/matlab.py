@@ -131,12 +131,9 @@ def _read_v73(path: Path, wanted: Collection[str] | None) -> RecordTable:
     table = RecordTable(path=path)
     layout = {"separator": ".", "called": "struct", "hidden": "#"}  # MATLAB's own group is #refs#
     with h5py.File(path, "r") as file:
-        for name, item in datasets(file, table, unfit=_unfit, **layout):
-            if wanted is None or name in wanted:
-                # MATLAB writes column by column, so HDF5 shows every array transposed.
-                add_fields(table, name, np.asarray(item[()]).T)
-            else:
-                table.unread.append(name)
+        for name, item in datasets(file, table, wanted, unfit=_unfit, **layout):
+            # MATLAB writes column by column, so HDF5 shows every array transposed.
+            add_fields(table, name, np.asarray(item[()]).T)
     return table
 
 
