@@ -72,18 +72,11 @@ def longest_stay(theta: Array) -> Indices:
     return np.asarray((step - last).max(axis=1))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BimodalSplit:
-    """Two groups of walkers have centres, `crossings`, and the share of steps in the upper group."""
+def find_two_groups(x: Array) -> tuple[float, float, float, int] | None:
+    """Find two groups of walkers in one unknown `(S, N)` with hardly any crossings; None without.
 
-    low: float
-    high: float
-    upper_share: float
-    crossings: int
-
-
-def find_two_groups(x: Array) -> BimodalSplit | None:
-    """Find two groups of walkers in one unknown `(S, N)` with hardly any crossings; None without."""
+    Returns both centres, the share of steps in the upper group, and the number of crossings.
+    """
     low, high = group_centres(x.mean(axis=0))
     counts, _ = np.histogram(x, bins=GROUP_BINS, range=(low, high))
     if counts[1:-1].min() >= MAX_VALLEY_RATIO * min(counts[0], counts[-1]):
@@ -96,8 +89,7 @@ def find_two_groups(x: Array) -> BimodalSplit | None:
     upper, lower = int((side > 0).sum()), int((side < 0).sum())
     if min(upper, lower) / max(0.5 * crossings, 1.0) < MIN_STAY_SHARE * len(x):
         return None
-    upper_share = upper / (upper + lower)
-    return BimodalSplit(low=low, high=high, upper_share=upper_share, crossings=crossings)
+    return low, high, upper / (upper + lower), crossings
 
 
 def group_centres(means: Array) -> tuple[float, float]:
@@ -155,7 +147,7 @@ def _two_groups_of_walkers(chain: PostBurnInChain, sound: Flags, sd: Array) -> l
         if not high - low > MIN_GROUP_DISTANCE * sd[d]:
             continue
         if groups := find_two_groups(np.swapaxes(chain.theta[..., d], 1, 2)[sound].T):
-            places[name] = groups.low, groups.high, groups.upper_share, groups.crossings
+            places[name] = groups
     counts = {"walkers": len(means), "steps": chain.theta.shape[1]}
     return [Finding("two groups of walkers", {}, counts, places)] if places else []
 
