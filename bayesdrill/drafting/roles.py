@@ -482,13 +482,12 @@ def _grows(sensor: Sensor) -> bool:
 
 def _zeros(roles: SensorRoles) -> dict[str, float]:
     """Return prior sds of offsets for angles that are not zero at rest."""
-    angles = [channel for channel in roles.channels if channel.sensor.kind == "angle"]
-    firsts = {channel.name: _first_value(channel.sensor) for channel in angles}
-    return {
-        name: float(f"{ZERO_PRIOR_FACTOR * abs(value):.2g}")
-        for name, (value, clear) in firsts.items()
-        if clear
-    }
+    zeros = {}
+    for channel in (c for c in roles.channels if c.sensor.kind == "angle"):
+        value, clear = _first_value(channel.sensor)
+        if clear:
+            zeros[channel.name] = float(f"{ZERO_PRIOR_FACTOR * abs(value):.2g}")
+    return zeros
 
 
 def _first_value(sensor: Sensor) -> tuple[float, bool]:

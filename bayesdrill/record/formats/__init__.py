@@ -39,11 +39,7 @@ def _is_format(_: str, member: Any) -> None:
 FORMATS: Registry[Format] = Registry(
     "format",
     {
-        "csv": Format(
-            (".csv", ".txt", ".tsv", ".dat"),
-            lambda path, options, _: csv.read(path, options),
-            CsvOptions,
-        ),
+        "csv": Format((".csv", ".txt", ".tsv", ".dat"), csv.read, CsvOptions),
         "mat": Format((".mat",), lambda path, _, wanted: matlab.read(path, wanted)),
         "hdf5": Format((".h5", ".hdf5"), lambda path, _, wanted: arrays.read_hdf5(path, wanted)),
         "npz": Format((".npz",), lambda path, _, wanted: arrays.read_npz(path, wanted)),
