@@ -91,7 +91,7 @@ def formats_of(stem: str, asked: Sequence[str] | None, *, pdf: bool) -> tuple[st
     return tuple(dict.fromkeys([*formats, *(["pdf"] if pdf else [])]))
 
 
-UNFINISHED = Kind("posterior", (f"{PIECES}/ensemble_#_#.npz",))
+UNFINISHED = Kind("posterior", (f"{PIECES}/ensemble_#_#.h5",))
 
 # The files from which a report is made, beside the config with all defaults.
 REPORT_SOURCES = Kind("posterior", ("chain.h5", "map.json", CONFIG_FILE, *UNFINISHED.files))
@@ -113,7 +113,11 @@ FROM_DRAWS = ("rig", "corner", "trace", "prior_posterior")
 PER_EXPERIMENT = ("fit", "friction", "torque", "residuals", "frequency_response")
 RUN_FIGURES: Registry[str] = Registry("figure", dict.fromkeys(OWN_FIGURES, ""))
 # Files of older versions, which a report or --force removes.
-OUTDATED = ("opened.npz", *figure_files("energy", "energy_#", formats=FORMATS))
+OUTDATED = (
+    "opened.npz",
+    f"{PIECES}/ensemble_#_#.npz",
+    *figure_files("energy", "energy_#", formats=FORMATS),
+)
 
 
 POSTERIOR = Kind(

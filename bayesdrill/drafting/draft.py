@@ -301,7 +301,7 @@ def guess(
     records, lead = record_files.read_records(paths, given)
     pairs = [(record.roles, record.segment.dt) for record in records]
     hints = [hint for pair in pairs for hint in roles.find_lags(*pair)]
-    clearest = max(hints, key=lambda lag: lag.improvement, default=None)
+    clearest = min(hints, key=lambda lag: lag.residual / lag.baseline, default=None)
     starts = {record.label: _start(record, given.voltage) for record in records}
     context = DraftContext(records, lead, starts, clearest, given.voltage, target.parent)
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", target.stem).lstrip("_.-")[:100] or "my_rig"

@@ -7,6 +7,7 @@ As damping in the shaft, c_s, shifts it by c_s/k_s, the result is a hint, not a 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -285,28 +286,19 @@ class LagHint:
     residual: float  # share of the twist's variance that the equation leaves with this lag
     baseline: float  # the same share without a lag
 
-    @property
-    def improvement(self) -> float:
-        """Return the ratio of the residuals without and with the lag."""
-        return self.baseline / self.residual if self.residual > 0 else math.inf
-
 
 def find_lags(roles: SensorRoles, dt: float) -> list[LagHint]:
-    """Return hints at lags between channels."""
-    pairs = [_lag_of_pair(*pair, roles.gear, dt) for pair in _lag_pairs(roles.channels)]
-    return [hint for hint in pairs if hint is not None]
-
-
-def _lag_pairs(channels: Sequence[DraftChannel]) -> list[tuple[DraftChannel, DraftChannel]]:
-    """Return pairs of channels: the twist or rotor 1, and an independent channel."""
-    turning = [c for c in channels if c.sensor.kind in TURNS and not c.derived]
+    """Return hints at lags between the twist or rotor 1 and each independent channel."""
+    turning = [c for c in roles.channels if c.sensor.kind in TURNS and not c.derived]
 
     def at(*locations: str) -> list[DraftChannel]:
         return [c for location in locations for c in turning if c.sensor.location == location]
 
     twists = [channel for channel in at(TWIST) if channel.sensor.kind == "angle"]
     others = at(GEARBOX, MOTOR, ROTOR) if twists else at(GEARBOX, MOTOR)
-    return [(first, other) for first in twists[:1] or at(ROTOR) for other in others]
+    pairs = itertools.product(twists[:1] or at(ROTOR), others)
+    hints = [_lag_of_pair(*pair, roles.gear, dt) for pair in pairs]
+    return [hint for hint in hints if hint is not None]
 
 
 def _lag_of_pair(
@@ -393,7 +385,7 @@ def guess_start(
     if measured and inputs_begin is not None and inputs_begin > t[0]:
         t = t[t >= inputs_begin]
         begin, why = float(t[0]), "from where the inputs are known"
-    moving = any(_moves(channel) for channel in _motion_channels(roles))
+    moving = _moves(roles)
     rest = _onset(roles)
     onset = math.nan if measured or moving else rest
     sensors = [channel.sensor for channel in roles.channels], [*roles.inputs.values()]
@@ -467,20 +459,18 @@ def _start_angle(roles: SensorRoles, state: str) -> str:
     return "" if upper or rotor else "theta_2: 0"  # any angle will do: only the twist matters
 
 
-def _motion_channels(roles: SensorRoles) -> list[DraftChannel]:
-    """Return the channels that show an initial motion: speeds if there are any, else angles."""
-    independent = [c for c in roles.channels if c.sensor.kind in TURNS and not c.derived]
-    speeds = [channel for channel in independent if channel.sensor.kind == "speed"]
-    turning = [channel for channel in independent if channel.sensor.location != TWIST]
-    return speeds or turning or independent
+def _moves(roles: SensorRoles) -> bool:
+    """Return whether a speed is clear at the first sample, or without speeds an angle grows."""
+    turning = [c.sensor for c in roles.channels if c.sensor.kind in TURNS and not c.derived]
+    if speeds := [sensor for sensor in turning if sensor.kind == "speed"]:
+        return any(_first_value(sensor)[1] for sensor in speeds)
+    whole = [sensor for sensor in turning if sensor.location != TWIST]
+    return any(map(_grows, whole or turning))
 
 
-def _moves(channel: DraftChannel) -> bool:
-    """Return whether a speed is clear at the first sample, or an angle grows from it on."""
-    sensor = channel.sensor
-    if sensor.kind == "speed":
-        return _first_value(sensor)[1]
-    if sensor.kind != "angle" or len(sensor.raw.x) < FIRST_SAMPLES:
+def _grows(sensor: Sensor) -> bool:
+    """Return whether an angle clearly grows from the first sample on."""
+    if len(sensor.raw.x) < FIRST_SAMPLES:
         return False
     t, x = sensor.raw.t[:FIRST_SAMPLES], sensor.raw.x[:FIRST_SAMPLES]
     k = (t - t[0]) / (t[-1] - t[0])
@@ -493,13 +483,12 @@ def _moves(channel: DraftChannel) -> bool:
 
 def _zeros(roles: SensorRoles) -> dict[str, float]:
     """Return prior sds of offsets for angles that are not zero at rest."""
-    angles = [channel for channel in roles.channels if channel.sensor.kind == "angle"]
-    firsts = {channel.name: _first_value(channel.sensor) for channel in angles}
-    return {
-        name: float(f"{ZERO_PRIOR_FACTOR * abs(value):.2g}")
-        for name, (value, clear) in firsts.items()
-        if clear
-    }
+    zeros = {}
+    for channel in (c for c in roles.channels if c.sensor.kind == "angle"):
+        value, clear = _first_value(channel.sensor)
+        if clear:
+            zeros[channel.name] = float(f"{ZERO_PRIOR_FACTOR * abs(value):.2g}")
+    return zeros
 
 
 def _first_value(sensor: Sensor) -> tuple[float, bool]:

@@ -93,8 +93,8 @@ def _derivatives(
     """Yield pairs of angle and speed, the factor between them, and the explained share of variance."""
     angles, integrals = dict[int, Array](), dict[int, Array]()
     for sensor, x in zip(sensors, values, strict=True):
-        angles[id(sensor)] = signals.centred(x)
-        integrals[id(sensor)] = signals.centred(integral(x, dt))
+        angles[id(sensor)], integrated = x - x.mean(), integral(x, dt)
+        integrals[id(sensor)] = integrated - integrated.mean()
     pairs = [
         (angle, speed)
         for angle, speed in itertools.permutations(sensors, 2)

@@ -157,11 +157,6 @@ def explained(y: Array, *causes: Array) -> tuple[list[float], float]:
     return factors[:-1].tolist(), 1 - remaining / total if total > 0 else 0.0
 
 
-def centred(values: Array) -> Array:
-    """Subtract the mean."""
-    return values - values.mean()
-
-
 def explained_by(y: Array, cause: Array) -> tuple[float, float]:
     """Fit a centred `y (T,)` by a centred `cause (T,)`; return its factor and explained variance."""
     # In `y @ cause` BLAS would start threads, which cost far more than the sum.

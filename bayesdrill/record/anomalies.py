@@ -16,6 +16,7 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
+from bayesdrill.record.regression import linear_fit
 
 MAX_SHORT_SPIKE = 3  # samples of a spike that is compared with the chord between its neighbours
 MAX_LONG_SPIKES = (6, 20)  # samples of a longer spike; each has a running median of its own width
@@ -313,14 +314,7 @@ def differenced(x: Array, w: Array, dt: float) -> bool:
 
     (now,) = lagged(w, range(1))
     past = lagged(w, range(1, reach + 1))
-    alone, _ = _residual_sd(now, past)
-    both, factors = _residual_sd(now, past[:1] + lagged(step, range(-reach, reach + 1)))
-    rough = alone > 1e-9 * float(np.ptp(w))  # less is rounding
-    return rough and both < MAX_NOISE_RATIO * alone and float(factors[0]) < MAX_FILTER_POLE
-
-
-def _residual_sd(y: Array, causes: list[Array]) -> tuple[float, Array]:
-    """Return the residual sd of a linear fit of `y` by `causes` and a constant, and the coefficients."""
-    design = np.stack([*causes, np.ones(len(y))], axis=-1)
-    factors = np.linalg.lstsq(design, y, rcond=None)[0]
-    return float(np.std(y - design @ factors)), factors
+    _, alone = linear_fit(now, past)
+    factors, both = linear_fit(now, past[:1] + lagged(step, range(-reach, reach + 1)))
+    rough = alone > (1e-9 * float(np.ptp(w))) ** 2  # less is rounding
+    return rough and both < MAX_NOISE_RATIO**2 * alone and float(factors[0]) < MAX_FILTER_POLE

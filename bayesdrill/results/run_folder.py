@@ -28,24 +28,6 @@ AGAIN = "delete it and continue with --resume, which computes it again"
 COMPUTED_AGAIN = f"is damaged; {AGAIN}"
 
 
-def read_piece(path: Path) -> tuple[ChainSegment, str | None]:
-    """Read a segment and the mark of its run; raises `InputError` if the file is damaged."""
-    with report_damage(str(path), COMPUTED_AGAIN), path.open("rb") as raw, np.load(raw) as file:
-        piece = ChainSegment(
-            z=file["z"],
-            log_p=file["log_p"],
-            accepted=file["accepted"],
-            failures=int(file["failures"]),
-            state=State(
-                file["end_z"],
-                file["end_log_p"],
-                _random_state(file["random_kind"], file["random_keys"], *file["random_rest"]),
-            ),
-            seconds=float(file["seconds"]),
-        )
-        return _consistent(piece), str(file["run"]) if "run" in file else None
-
-
 def chain_mark(pieces: Sequence[Sequence[ChainSegment]]) -> str:
     """Return a digest of a chain, which does not depend on the lengths of its segments."""
     digest = hashlib.sha256()
@@ -54,25 +36,8 @@ def chain_mark(pieces: Sequence[Sequence[ChainSegment]]) -> str:
     return digest.hexdigest()
 
 
-def _consistent(piece: ChainSegment) -> ChainSegment:
-    """Return a segment; raises `ValueError` or `TypeError` if its shapes or numbers are wrong."""
-    steps, walkers, unknowns = piece.z.shape
-    state = piece.state
-    np.random.RandomState().set_state(state.random)
-    for values, shape in (
-        (piece.z, (steps, walkers, unknowns)),
-        (piece.log_p, (steps, walkers)),
-        (piece.accepted, (walkers,)),
-        (state.z, (walkers, unknowns)),
-        (state.log_p, (walkers,)),
-    ):
-        if values.shape != shape or not np.isfinite(values).all() or piece.seconds <= 0:
-            raise ValueError("other numbers than a chain has")
-    return piece
-
-
 def chain_image(pieces: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> bytes:
-    """Return the bytes of `chain.h5`, made in memory since HDF5 crashes when a disk is full.
+    """Return the bytes of a chain or segment, made in memory as HDF5 crashes when a disk is full.
 
     Each ensemble is a group `ensemble_<k>` in the layout of `emcee.backends.HDFBackend`.
     """
@@ -141,22 +106,16 @@ def read_chain(path: Path, ensemble: int) -> tuple[ChainSegment, str | None]:
             if group.attrs[SEAL] != _checksum(contents):
                 raise ValueError("the checksum does not fit")
         z, log_p = contents["chain"], contents["log_prob"]
-        random = _random_state(*(contents[f"random_state_{k}"] for k in range(5)))
+        kind, keys, *numbers, cached = (contents[f"random_state_{k}"] for k in range(5))
         piece = ChainSegment(
             z=z,
             log_p=log_p,
             accepted=contents["accepted"],
             failures=int(contents["failures"]),
-            state=State(z[-1], log_p[-1], random),
+            state=State(z[-1], log_p[-1], (str(kind), keys, *map(int, numbers), cached)),
             seconds=1.0,
         )
-        return _consistent(piece), contents.get("run")
-
-
-def _random_state(
-    kind: Any, keys: Any, position: Any, has_gauss: Any, cached: Any
-) -> tuple[Any, ...]:
-    return str(kind), keys, int(position), int(has_gauss), cached
+        return piece, contents.get("run")
 
 
 # With "report" nothing is added to the chain, and with "read" nothing is written.
@@ -379,22 +338,8 @@ class Folder:
     def save(self, ensemble: int, first_step: int, piece: ChainSegment) -> None:
         """Save a segment in a file of its own, so that an interruption loses only unfinished ones."""
         (self.path / PIECES).mkdir(exist_ok=True)
-        kind, keys, *remaining = piece.state.random
-        with atomic_write(self.path_of(_piece_name(ensemble, first_step))) as path:
-            np.savez(  # zip keeps a checksum of each array
-                path,
-                z=piece.z,
-                log_p=piece.log_p,
-                accepted=piece.accepted,
-                failures=piece.failures,
-                seconds=piece.seconds,
-                run=self.run,
-                end_z=piece.state.z,
-                end_log_p=piece.state.log_p,
-                random_kind=kind,
-                random_keys=keys,
-                random_rest=np.array(remaining, dtype=np.float64),
-            )
+        path = self.path_of(_piece_name(ensemble, first_step))
+        output_files.write(path, chain_image([[piece]], {"run": self.run}))
 
     def read_ahead(self, ensembles: int, shape: tuple[int, int]) -> None:
         """Read all chains for `segments`, so that damage is found before any work is done.
@@ -414,17 +359,19 @@ class Folder:
         return self._chains.pop(ensemble, None) or self._read(ensemble)
 
     def _read(self, ensemble: int) -> list[ChainSegment]:
-        read_pieces = []
-        if (self.path / CHAIN).exists():
-            piece, run = read_chain(self.path / CHAIN, ensemble)
-            self.refuse_foreign(CHAIN, run)
+        read_pieces: list[ChainSegment] = []
+
+        def take(name: str, group: int) -> None:
+            piece, run = read_chain(self.path / name, group)
+            self.refuse_foreign(name, run)
             read_pieces.append(piece)
+
+        if (self.path / CHAIN).exists():
+            take(CHAIN, ensemble)
         for name in self._unfinished():
             have = sum(len(piece.z) for piece in read_pieces)
             if name == _piece_name(ensemble, have):  # other files belong to other ensembles
-                piece, run = read_piece(self.path / name)
-                self.refuse_foreign(name, run)
-                read_pieces.append(piece)
+                take(name, 0)
         return read_pieces
 
     def finish_chain(self, pieces: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> None:
@@ -438,7 +385,7 @@ class Folder:
 
 
 def _piece_name(ensemble: int, first_step: int) -> str:
-    return f"{PIECES}/ensemble_{ensemble}_{first_step:09d}.npz"
+    return f"{PIECES}/ensemble_{ensemble}_{first_step:09d}.h5"
 
 
 def mark(fingerprint: Mapping[str, Any]) -> str:

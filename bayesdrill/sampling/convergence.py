@@ -10,6 +10,7 @@ sample size comes from the autocorrelation time of an ensemble, averaged over it
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -71,18 +72,11 @@ def longest_stay(theta: Array) -> Indices:
     return np.asarray((step - last).max(axis=1))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BimodalSplit:
-    """Two groups of walkers have centres, `crossings`, and the share of steps in the upper group."""
+def find_two_groups(x: Array) -> tuple[float, float, float, int] | None:
+    """Find two groups of walkers in one unknown `(S, N)` with hardly any crossings; None without.
 
-    low: float
-    high: float
-    upper_share: float
-    crossings: int
-
-
-def find_two_groups(x: Array) -> BimodalSplit | None:
-    """Find two groups of walkers in one unknown `(S, N)` with hardly any crossings; None without."""
+    Returns both centres, the share of steps in the upper group, and the number of crossings.
+    """
     low, high = group_centres(x.mean(axis=0))
     counts, _ = np.histogram(x, bins=GROUP_BINS, range=(low, high))
     if counts[1:-1].min() >= MAX_VALLEY_RATIO * min(counts[0], counts[-1]):
@@ -95,8 +89,7 @@ def find_two_groups(x: Array) -> BimodalSplit | None:
     upper, lower = int((side > 0).sum()), int((side < 0).sum())
     if min(upper, lower) / max(0.5 * crossings, 1.0) < MIN_STAY_SHARE * len(x):
         return None
-    upper_share = upper / (upper + lower)
-    return BimodalSplit(low=low, high=high, upper_share=upper_share, crossings=crossings)
+    return low, high, upper / (upper + lower), crossings
 
 
 def group_centres(means: Array) -> tuple[float, float]:
@@ -154,7 +147,7 @@ def _two_groups_of_walkers(chain: PostBurnInChain, sound: Flags, sd: Array) -> l
         if not high - low > MIN_GROUP_DISTANCE * sd[d]:
             continue
         if groups := find_two_groups(np.swapaxes(chain.theta[..., d], 1, 2)[sound].T):
-            places[name] = groups.low, groups.high, groups.upper_share, groups.crossings
+            places[name] = groups
     counts = {"walkers": len(means), "steps": chain.theta.shape[1]}
     return [Finding("two groups of walkers", {}, counts, places)] if places else []
 
@@ -221,41 +214,6 @@ class Targets:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Convergence:
-    """The ensembles of a run have this convergence.
-
-    Of the `steps` per ensemble, `burn_in` are dropped and every `thin`-th is kept.  `tau` in steps,
-    `r_hat`, `ess_bulk` and `ess_tail` have the shape `(D,)`.  By `reasons` the result must not be
-    believed.  `late_tau` is the longest tau of the second half in steps, which decides `burn_in`, and
-    `slowest` the unknown with the longest `tau`.  `enough` estimates the steps needed if only length
-    is missing, else None.
-    """
-
-    steps: int
-    burn_in: int
-    late_tau: float
-    thin: int
-    tau: StoredArray
-    r_hat: StoredArray
-    ess_bulk: StoredArray
-    ess_tail: StoredArray
-    n_tau: float
-    reasons: tuple[Finding, ...]
-    slowest: str
-    enough: int | None
-
-    @property
-    def converged(self) -> bool:
-        """Return whether there is no reason to distrust the result."""
-        return not self.reasons
-
-    @property
-    def too_short_for_burn_in(self) -> bool:
-        """Return whether the burn-in is half of the run, and shorter than it should be."""
-        return burn_in_wanted(self.late_tau) > self.burn_in
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ChainLength:
     """A chain is `n_tau` times as long as the longest of `tau (D,)`, after `burn_in` steps.
 
@@ -265,13 +223,43 @@ class ChainLength:
 
     burn_in: int
     late_tau: float
-    tau: Array
+    tau: StoredArray
     n_tau: float
+
+    @property
+    def too_short_for_burn_in(self) -> bool:
+        """Return whether the burn-in is half of the run, and shorter than it should be."""
+        return burn_in_wanted(self.late_tau) > self.burn_in
 
     def next_check(self, steps: int, n_tau: float) -> int:
         """Return the number of steps at which `n_tau` is likely to be reached, for the next check."""
         foreseen = STEPS_MARGIN * (BURN_IN_TAUS + n_tau) * float(self.tau.max())
         return math.ceil(min(max(foreseen, MIN_CHECK_GROWTH * steps), MAX_CHECK_GROWTH * steps))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Convergence(ChainLength):
+    """The ensembles of a run have this convergence.
+
+    Of the `steps` per ensemble, `burn_in` are dropped and every `thin`-th is kept.  `r_hat`,
+    `ess_bulk` and `ess_tail` have the shape `(D,)`.  By `reasons` the result must not be believed.
+    `slowest` is the unknown with the longest `tau`.  `enough` estimates the steps needed if only
+    length is missing, else None.
+    """
+
+    steps: int
+    thin: int
+    r_hat: StoredArray
+    ess_bulk: StoredArray
+    ess_tail: StoredArray
+    reasons: tuple[Finding, ...]
+    slowest: str
+    enough: int | None
+
+    @property
+    def converged(self) -> bool:
+        """Return whether there is no reason to distrust the result."""
+        return not self.reasons
 
 
 def burn_in_wanted(late_tau: float) -> int:
@@ -305,7 +293,7 @@ def assess(
 
     n_steps = theta.shape[1]
     measured = measured or chain_length(theta)
-    burn_in, tau, n_tau = measured.burn_in, measured.tau, measured.n_tau
+    burn_in, tau = measured.burn_in, measured.tau
     post_burn_in = theta[:, burn_in:]
     thin = max(1, min(math.ceil(float(tau.max())), post_burn_in.shape[1] // 4))
     draws = thinned(theta, burn_in, thin)
@@ -325,31 +313,25 @@ def assess(
             theta=post_burn_in, log_p=density, names=names, tau=tau, n_tau=targets.n_tau
         )
         troubles = walker_troubles(chain)
-    unsound = bool(troubles) or not (r_hat <= targets.r_hat).all()
-    wanted = burn_in_wanted(measured.late_tau)
-    if wanted > burn_in and not troubles:
+    if measured.too_short_for_burn_in and not troubles:
+        wanted = burn_in_wanted(measured.late_tau)
         steps = {"taus": BURN_IN_TAUS, "wanted": wanted, "burn_in": burn_in}
         missing.append(Finding("burn-in too short to judge", {}, steps))
+    enough = None
+    if not troubles and (r_hat <= targets.r_hat).all():
+        short = max(targets.n_tau / measured.n_tau, targets.ess / float(ess_bulk.min()))
+        enough = math.ceil(STEPS_MARGIN * short * n_steps) if short > 1 else None
     return Convergence(
+        **dataclasses.asdict(measured),
         steps=n_steps,
-        burn_in=burn_in,
-        late_tau=measured.late_tau,
         thin=thin,
-        tau=tau,
         r_hat=r_hat,
         ess_bulk=ess_bulk,
         ess_tail=ess_tail,
-        n_tau=n_tau,
         reasons=(*troubles, *missing),
         slowest=names[int(np.argmax(tau))],
-        enough=None if unsound else _steps_needed(n_steps, targets, n_tau, ess_bulk),
+        enough=enough,
     )
-
-
-def _steps_needed(steps: int, targets: Targets, n_tau: float, ess: Array) -> int | None:
-    """Return the steps that the targets need, in proportion and with a margin; None if they are met."""
-    short = max(targets.n_tau / n_tau, targets.ess / float(ess.min()))
-    return math.ceil(STEPS_MARGIN * short * steps) if short > 1 else None
 
 
 def thinned(chains: Array, burn_in: int, thin: int) -> Array:

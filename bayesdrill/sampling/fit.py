@@ -209,7 +209,8 @@ def _first_converged(posterior: Posterior, plan: FitPlan) -> list[Search]:
     noise_alone = 1.0 + np.sqrt(2.0 / likelihood.n_measured)  # mean square over variance, at most
     searches: list[Search] = []
     for point in points:
-        searches.append(mode_search.search(posterior, plan.optimiser, plan.evaluations, point))
+        settings = plan.optimiser, plan.evaluations
+        searches += mode_search.searches(posterior, *settings, point[None])
         best = max(searches, key=lambda search: search.log_posterior)
         lowest = best.log_posterior - mode_search.SAME_LOG_DENSITY
         if sum(search.log_posterior > lowest for search in searches) >= 2:

@@ -145,8 +145,7 @@ def searches(
     posterior: Posterior, optimiser: Optimiser, evaluations: int, starts: Array
 ) -> list[Search]:
     """Search from each of the physical `starts (S, D)` by the optimiser, then by Gauss-Newton."""
-    optima = optimiser(task(posterior), starts, evaluations)
-    pairs = zip(starts, optima, strict=True)
+    pairs = zip(starts, optimiser(task(posterior), starts, evaluations), strict=True)
     return [_finished_search(posterior, *pair) for pair in pairs]
 
 
@@ -166,11 +165,6 @@ def _finished_search(posterior: Posterior, start: Array, optimum: Optimum) -> Se
         evaluations=optimum.evaluations,
         settled=settled,
     )
-
-
-def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array) -> Search:
-    """Search from the physical point `start (D,)`; see `searches`."""
-    return searches(posterior, optimiser, evaluations, start[None])[0]
 
 
 def multi_start(posterior: Posterior, starts: Array) -> tuple[Array, Array]:

@@ -223,8 +223,11 @@ def scan_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
         line[:, d] = np.sort(np.append(along, u[d]))
         value = surface.value(line)
         index = int(np.searchsorted(line[:, d], u[d]))
-        tops = peaks(value, VALLEY_ALONG_LINE)
-        modes = [k for k in tops if _valley_between(value, k, index)]
+        modes = []
+        for k in peaks(value, VALLEY_ALONG_LINE):
+            valley = value[min(k, index) : max(k, index) + 1].min()
+            if valley < min(value[k], value[index]) - VALLEY_ALONG_LINE:
+                modes.append(k)
         modes.sort(key=lambda k: -value[k])
         high = sum(value[k] > value.max() - NEGLIGIBLE_DEPTH for k in modes)
         yield NearbyStarts(line[modes[:most]], 1.0 - most / max(high, most))
@@ -245,12 +248,6 @@ def peaks(value: Array, valley: float) -> list[int]:
         elif not rising and x < value[lowest]:
             lowest = k
     return [*maxima, top] if rising and np.isfinite(value[top]) else maxima
-
-
-def _valley_between(value: Array, first: int, second: int) -> bool:
-    """Return whether there is a valley between two points of a line with these indices."""
-    between = value[min(first, second) : max(first, second) + 1]
-    return bool(between.min() < min(value[first], value[second]) - VALLEY_ALONG_LINE)
 
 
 def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Array:

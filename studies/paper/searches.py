@@ -337,7 +337,7 @@ def _posterior(
 ) -> tuple[Array, Array, bool]:
     """Mean and standard deviation `(D,)` from record 0, and whether the ensembles converged."""
     target = precision.made_record(precision.with_sigma(posterior, sigma), truth, plan.seed, 0)
-    search = mode_search.search(target, SCALED, VERIFICATION_EVALUATIONS, truth)
+    (search,) = mode_search.searches(target, SCALED, VERIFICATION_EVALUATIONS, truth[None])
     with WorkerPool(target, 1) as alone:
         start = target.space.vector(search.end)
         sampled = sample(alone, start[None], plan, MemoryBackend(), Silent())

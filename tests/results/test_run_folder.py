@@ -73,7 +73,6 @@ def test_a_damaged_chain_is_named_or_harmless(folder: Folder, piece: ChainSegmen
     assert_damage_is_named_or_harmless(path, piece, read, "delete it", seed=1)
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_a_damaged_piece_is_named_or_harmless(folder: Folder, piece: ChainSegment) -> None:
     (path,) = (folder.path / ".pieces").iterdir()
     read = lambda: folder.segments(0)[0]  # noqa: E731
@@ -85,7 +84,7 @@ def test_pieces_of_another_run_are_refused(piece: ChainSegment, tmp_path: Path) 
         other.save(0, 40, piece)
     with Folder(tmp_path / "mine", "fresh", {"the seed": "1"}, POSTERIOR) as mine:
         mine.save(0, 0, piece)
-        name = ".pieces/ensemble_0_000000040.npz"
+        name = ".pieces/ensemble_0_000000040.h5"
         shutil.copy(other.path / name, mine.path / name)
         with pytest.raises(InputError, match=f"{name}: is of run .* of run .*--resume"):
             mine.segments(0)

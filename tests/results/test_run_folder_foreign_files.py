@@ -24,8 +24,8 @@ FOREIGN_FILES = [
     *("run.json~", "model_1.csv", "summary.old/mine.csv", "chain.h5.old/", "model_x/posterior.nc"),
     *("figures.zip", ".notes.12.aside.md", ".summary.twelve.aside.csv", "sub/.run.12.aside.json"),
     *("figures/photo.jpg", "figures/corner.eps", "figures/corner.png.orig"),
-    *("figures/old/corner.png", "figures/.photo.12.aside.jpg", ".pieces/mine.npz"),
-    *(".pieces/ensemble_x_1.npz", ".refits/mine.json", ".refits/1.json.bak"),
+    *("figures/old/corner.png", "figures/.photo.12.aside.jpg", ".pieces/mine.h5"),
+    *(".pieces/ensemble_x_1.h5", ".refits/mine.json", ".refits/1.json.bak"),
 ]
 
 
@@ -139,7 +139,7 @@ def test_what_no_run_can_have_written_is_named_first(
 
 
 def test_hidden_files_of_others_that_bear_our_names_are_left_alone(tmp_path: Path) -> None:
-    put(tmp_path / "out", ".pieces/ensemble_0_000000000.npz")
+    put(tmp_path / "out", ".pieces/ensemble_0_000000000.h5")
     assert "holds other files" in refused(tmp_path / "out", "fresh")
 
 

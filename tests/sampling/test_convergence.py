@@ -297,9 +297,10 @@ def test_two_places_between_which_walkers_cross_are_no_fault() -> None:
     assert find_two_groups(6.0 * seldom + noise) is None
     groups = find_two_groups(20.0 * (np.arange(100) % 4 == 0) + noise)
     assert groups is not None
-    assert groups.crossings == 0
-    assert groups.upper_share == pytest.approx(0.25, abs=0.01)
-    assert (groups.low, groups.high) == pytest.approx((0.0, 20.0), abs=0.1)
+    low, high, upper_share, crossings = groups
+    assert crossings == 0
+    assert upper_share == pytest.approx(0.25, abs=0.01)
+    assert (low, high) == pytest.approx((0.0, 20.0), abs=0.1)
 
 
 def test_slow_motion_that_a_window_does_not_see_is_named() -> None:

@@ -28,12 +28,12 @@ def two_unknowns(**priors: Prior) -> Posterior:
 
 def search(target: Posterior, evaluations: int = 4000, **start: float) -> Search:
     theta = target.space.vector({**NOMINAL, **start})
-    return mode_search.search(target, THOROUGH, evaluations, theta)
+    return mode_search.searches(target, THOROUGH, evaluations, theta[None])[0]
 
 
 def summarise_from_four(target: Posterior, seed: int, evaluations: int = 4000) -> Mode:
     starts = mode_search.starts(target, 4, np.random.default_rng(seed))
-    searches = [mode_search.search(target, THOROUGH, evaluations, start) for start in starts]
+    searches = mode_search.searches(target, THOROUGH, evaluations, starts)
     return mode_search.summarise(target, tuple(searches))
 
 

@@ -29,7 +29,7 @@ type Processes = list[subprocess.Popen[str]]
 
 
 def pieces(folder: Path) -> int:
-    return len(list((folder / ".pieces").glob("ensemble_*.npz")))
+    return len(list((folder / ".pieces").glob("ensemble_*.h5")))
 
 
 def start(

@@ -10,7 +10,7 @@ from typing import Any
 from bayesdrill.basics.entries import NoEntries, entries_model
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.registry import Registry
-from bayesdrill.record.formats import arrays, csv, json, matlab, mcap, mdf, parquet, wpilog
+from bayesdrill.record.formats import arrays, csv, json, logs, matlab, parquet
 from bayesdrill.record.formats.csv import CsvOptions
 from bayesdrill.record.formats.table import RecordTable
 
@@ -39,19 +39,15 @@ def _is_format(_: str, member: Any) -> None:
 FORMATS: Registry[Format] = Registry(
     "format",
     {
-        "csv": Format(
-            (".csv", ".txt", ".tsv", ".dat"),
-            lambda path, options, _: csv.read(path, options),
-            CsvOptions,
-        ),
+        "csv": Format((".csv", ".txt", ".tsv", ".dat"), csv.read, CsvOptions),
         "mat": Format((".mat",), lambda path, _, wanted: matlab.read(path, wanted)),
         "hdf5": Format((".h5", ".hdf5"), lambda path, _, wanted: arrays.read_hdf5(path, wanted)),
         "npz": Format((".npz",), lambda path, _, wanted: arrays.read_npz(path, wanted)),
         "json": Format((".json", ".jsonl", ".ndjson"), lambda path, _, __: json.read(path)),
         "parquet": Format((".parquet",), lambda path, _, wanted: parquet.read(path, wanted)),
-        "wpilog": Format((".wpilog",), lambda path, _, wanted: wpilog.read(path, wanted)),
-        "mcap": Format((".mcap",), lambda path, _, wanted: mcap.read(path, wanted)),
-        "mdf": Format((".mf4", ".mdf"), lambda path, _, wanted: mdf.read(path, wanted)),
+        "wpilog": Format((".wpilog",), lambda path, _, wanted: logs.read_wpilog(path, wanted)),
+        "mcap": Format((".mcap",), lambda path, _, wanted: logs.read_mcap(path, wanted)),
+        "mdf": Format((".mf4", ".mdf"), lambda path, _, wanted: logs.read_mdf(path, wanted)),
     },
     judge=_is_format,
 )

@@ -73,10 +73,8 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     if head.startswith(b"\x89HDF\r\n\x1a\n"):
         broken = f"the HDF5 file {CUT_SHORT}"
     with report_damage(str(path), broken), h5py.File(path, "r") as file:
-        for name, item in datasets(file, table, separator="/", called="group"):
-            if used is not None and name not in used:
-                table.unread.append(name)
-            elif reason := _unfit_dataset(item):
+        for name, item in datasets(file, table, used, separator="/", called="group"):
+            if reason := _unfit_dataset(item):
                 table.ignored[name] = reason
             else:
                 add_fields(table, name, np.asarray(item[()]))
@@ -86,16 +84,17 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
 def datasets(
     file: Any,
     table: RecordTable,
+    used: Collection[str] | None,
     *,
     separator: str,
     called: str,
     unfit: Callable[[str, Any], str] = lambda name, item: "",
     hidden: str = "/",
 ) -> Iterator[tuple[str, Any]]:
-    """Yield names and items of an HDF5 file, whose groups are `called` by that noun in messages.
+    """Yield names and items of an HDF5 file that are `used`; None stands for all.
 
-    Items that are left out are added to `table` with the reason, for which `unfit(name, item)` is asked.
-    Names that begin with `hidden` belong to the writer of the file.
+    Groups are `called` by that noun in messages.  Items that are left out are added to `table` with the
+    reason, for which `unfit(name, item)` is asked.  Names that begin with `hidden` belong to the writer.
     """
     import h5py
 
@@ -113,7 +112,10 @@ def datasets(
             if reason := unfit(name, item):
                 table.ignored[name] = reason
             elif not isinstance(item, h5py.Group):
-                yield name, item
+                if used is None or name in used:
+                    yield name, item
+                else:
+                    table.unread.append(name)
             elif (address := h5py.h5o.get_info(item.id).addr) in groups:
                 table.ignored[name] = f"is the same {called} under a second name; give the first"
             else:

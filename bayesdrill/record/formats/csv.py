@@ -119,11 +119,11 @@ def read_lines(path: Path, text: str, skip: int) -> TextLines:
     everything = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a").split("\n")
     for number, line in enumerate(everything, start=1):
         if len(line) > LONGEST_LINE:
-            message = f"has {len(line)} letters; at most {LONGEST_LINE} are read. "
-            message += (
+            many = f"has {len(line)} letters; at most {LONGEST_LINE} are read"
+            way_out = (
                 "A table has a line for each sample: write it with line ends, or leave out columns"
             )
-            raise InputError.at(f"{path} line {number}", message)
+            raise InputError.at(f"{path} line {number}", f"{many}. {way_out}")
     filled = (
         number
         for number, line in enumerate(everything[skip:], start=skip + 1)
@@ -360,7 +360,7 @@ _ROWS_OF_WORDS = 3  # rows of units, kinds or descriptions below the header
 _LONGEST_HEAD = 200  # lines above the header, with settings of a recorder
 
 
-def read(path: Path, options: CsvOptions) -> RecordTable:
+def read(path: Path, options: CsvOptions, _: object = None) -> RecordTable:
     """Read a text table; empty cells become NaN, and errors name lines and columns."""
     text = decode(path)
     if kind := {"<": "a web page or XML", "{": "JSON"}.get(text.lstrip()[:1]):

@@ -55,13 +55,9 @@ def _with_names(log: dict[str, Any]) -> dict[str, Any]:
     drive = SYSID_COLUMNS[9] if log.get("sysid") is True else FRC_COLUMNS
     named = dict(log)
     for key, rows in log.items():
-        if (
-            FRC_TEST.fullmatch(key)
-            and isinstance(rows, list)
-            and rows
-            and isinstance(rows[0], list)
-        ):
-            count = len(rows[0])
+        first = rows[0] if isinstance(rows, list) and rows else None
+        if FRC_TEST.fullmatch(key) and isinstance(first, list):
+            count = len(first)
             names = SYSID_COLUMNS[4] if count == 4 else drive[:count] if count in (9, 10) else ()
             named[key] = [[*names], *rows] if len(names) == count else rows
     return named

@@ -104,9 +104,7 @@ class RecordTable:
             raise LookupError(f"{shape}; say which column, from 1 to {width}")
         if column is not None and not 1 <= column <= width:
             raise LookupError(f"{shape}, so no column {column}; give one from 1 to {width}")
-        if values.ndim == 1:
-            return values
-        return np.ascontiguousarray(values[:, (column or 1) - 1])
+        return np.ascontiguousarray(values.reshape(len(values), -1)[:, (column or 1) - 1])
 
     def _only_variable(self) -> str:
         if len(self.variables) == 1:

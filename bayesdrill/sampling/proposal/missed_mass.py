@@ -7,13 +7,14 @@ directions, Gauss-Newton brings each to the ridge, and their density is computed
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.laplace import LogDensity
-from bayesdrill.sampling.proposal.ridge_tracing import moments, newton_mixture
+from bayesdrill.sampling.proposal.ridge_tracing import moments, newton_ridge
 from bayesdrill.sampling.samplers import independence
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal, Random, WeightedDraws
 from bayesdrill.sampling.samplers.ridge import RidgeMap
@@ -74,7 +75,8 @@ def _drawn(
     surface: LogDensity, mixture: Mixture, n: int, random: Random
 ) -> tuple[WeightedDraws, Array]:
     """Draw about `n` points with a density along Newton ridges, and each sheet's shares `(S, N)`."""
-    mixture = newton_mixture(mixture, surface.approximate_model)
+    ridges = tuple(newton_ridge(sheet, surface.approximate_model) for sheet in mixture.sheets)
+    mixture = replace(mixture, sheets=ridges)
     share_inside = surface.inside(mixture.draw(n, random).u).mean()
     drawn = mixture.draw(int(n / max(float(share_inside), 1.0 / MAX_TRIES_PER_DRAW)), random)
     value = surface.value(drawn.u)

@@ -14,14 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.inference.laplace import LogDensity, QuadraticModel
 from bayesdrill.sampling.samplers import ridge
-from bayesdrill.sampling.samplers.independence import Mixture
 from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeMap
 
 Expand = Callable[[Array, Array], QuadraticModel]
@@ -418,27 +417,28 @@ def _terms(n: int, degree: int) -> int:
     return math.comb(n + degree, degree)
 
 
-def newton_ridge(fitted: RidgeMap, expand: Expand) -> RidgeMap:
-    """Return a ridge map that moves points from the fitted polynomials to the ridge by Gauss-Newton.
+@dataclass(frozen=True, slots=True)
+class NewtonRidge(RidgeMap):
+    """A Newton ridge moves points from the fitted polynomials to the ridge by Gauss-Newton.
 
     The moved point depends on psi alone.  A point that does not arrive stays on the polynomials.
     """
 
-    def correction(
-        base: LocalBasis, psi: Array, tau: Array, root: Array, log_det: Array
-    ) -> tuple[Array, Array, Array]:
+    expand: Expand
+
+    def along(self, psi: Array) -> tuple[Array, Array, Array]:
+        """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
+        tau, root, log_det = RidgeMap.along(self, psi)
         newton_tau, roots, _, arrived = return_to_ridge(
-            expand, base, psi, tau, NEAR_SDS, NEWTON_ITERATIONS
+            self.expand, self.frame, psi, tau, NEAR_SDS, NEWTON_ITERATIONS
         )
         row = np.arange(tau.shape[1])
-        tau = np.where(arrived[:, None], newton_tau, tau)
         root[:, :, arrived] = np.moveaxis(roots[arrived], 0, 2)
         log_det[arrived] = np.log(root[row, row][:, arrived]).sum(axis=0)
-        return tau, root, log_det
-
-    return replace(fitted, correction=correction)
+        return np.where(arrived[:, None], newton_tau, tau), root, log_det
 
 
-def newton_mixture(mixture: Mixture, expand: Expand) -> Mixture:
-    """Return the mixture with Newton ridges in place of its sheets."""
-    return replace(mixture, sheets=tuple(newton_ridge(sheet, expand) for sheet in mixture.sheets))
+def newton_ridge(fitted: RidgeMap, expand: Expand) -> NewtonRidge:
+    """Return the Newton ridge that begins at the polynomials of a fitted ridge."""
+    polynomials = {field.name: getattr(fitted, field.name) for field in fields(fitted)}
+    return NewtonRidge(**polynomials, expand=expand)

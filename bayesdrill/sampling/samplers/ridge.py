@@ -12,7 +12,6 @@ in psi.  The Jacobian determinant is that of R.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,11 +88,6 @@ def local_basis(centre: Array, columns: Array, n_loose: int) -> LocalBasis:
     return LocalBasis(centre, columns[:, :n_loose], columns[:, n_loose:], back, volume)
 
 
-# A correction takes a basis, psi `(W, l)`, and what the polynomials give there: t `(W, t)`,
-# R `(t, t, W)` and log det R `(W,)`. It returns improved t, R and log det R.
-Correction = Callable[[LocalBasis, Array, Array, Array, Array], tuple[Array, Array, Array]]
-
-
 @dataclass(frozen=True, slots=True)
 class RidgeMap:
     """A ridge map describes a ridge by polynomials of the loose directions.
@@ -103,8 +97,7 @@ class RidgeMap:
     entry of its column.  The polynomials depend on the components `bent` of psi alone, shifted by
     `middle` and divided by `width`, so that the points of the fit lie in the unit ball.  Psi
     outside `reach` times this ball is moved to its surface, because polynomials do not extrapolate.
-    Entries of R are clipped to `ends (2, t (t + 1) / 2)`.  A `correction` improves on the
-    polynomials.
+    Entries of R are clipped to `ends (2, t (t + 1) / 2)`.
     """
 
     frame: LocalBasis
@@ -116,7 +109,6 @@ class RidgeMap:
     location: Array
     root: Array
     ends: Array
-    correction: Correction | None = None
 
     @property
     def n_loose(self) -> int:
@@ -160,10 +152,7 @@ class RidgeMap:
         root[range(n), range(n)] = diagonal
         lower = np.tril_indices(n, -1)
         root[lower] = entries[n:] * diagonal[lower[1]]
-        tau, log_det = (self.location.T @ rows).T, entries[:n].sum(axis=0)
-        if self.correction is None:
-            return tau, root, log_det
-        return self.correction(self.frame, psi, tau, root, log_det)
+        return (self.location.T @ rows).T, root, entries[:n].sum(axis=0)
 
 
 def _forward_substitution(root: Array, rhs: Array) -> Array:

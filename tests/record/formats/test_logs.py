@@ -17,7 +17,7 @@ from support.log_files import wpilog_record, wpilog_start
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import FORMATS
-from bayesdrill.record.formats.samples import TIME
+from bayesdrill.record.formats.logs import TIME
 
 HEAD = b"WPILOG" + struct.pack("<HI", 0x0100, 0)
 
