@@ -28,7 +28,7 @@ help:
 	@echo "make docs        the site of docs/, its notebooks run: build/docs/index.html (2 minutes, in .venv-docs)"
 	@echo "make test        the tests, about 10 minutes; the slowest twenty are listed at the end"
 	@echo "make test-fast   contracts and units that compile no kernel, under a minute"
-	@echo "make test-slow   longer proofs"
+	@echo "make test-slow   longer proofs, without those of rates and attack"
 	@echo "make check       format, lint, types and tests"
 	@echo "make format      put the code into the project's format"
 	@echo "make bench       measure bayesdrill beside its peers (about 10 minutes, in .venv-bench)"
@@ -74,8 +74,9 @@ test: $(READY)
 test-fast: $(READY)
 	@$(BIN)/python -m pytest -q -m "not slow" $(FAST)
 
+# Rates and attacks take hours and have targets of their own.
 test-slow: $(READY)
-	@$(BIN)/python -m pytest -m slow
+	@$(BIN)/python -m pytest -m slow --ignore=benchmarks/rates --ignore=benchmarks/attack
 
 check: $(READY)
 	@$(BIN)/ruff format --check .
