@@ -39,14 +39,11 @@ def chain_mark(pieces: Sequence[Sequence[ChainSegment]]) -> str:
 def _consistent(piece: ChainSegment) -> ChainSegment:
     """Return a segment; raises `ValueError` or `TypeError` if its shapes or numbers are wrong."""
     steps, walkers, unknowns = piece.z.shape
-    state = piece.state
-    np.random.RandomState().set_state(state.random)
+    np.random.RandomState().set_state(piece.state.random)
     for values, shape in (
         (piece.z, (steps, walkers, unknowns)),
         (piece.log_p, (steps, walkers)),
         (piece.accepted, (walkers,)),
-        (state.z, (walkers, unknowns)),
-        (state.log_p, (walkers,)),
     ):
         if values.shape != shape or not np.isfinite(values).all():
             raise ValueError("other numbers than a chain has")
