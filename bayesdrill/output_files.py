@@ -113,11 +113,8 @@ FROM_DRAWS = ("rig", "corner", "trace", "prior_posterior")
 PER_EXPERIMENT = ("fit", "friction", "torque", "residuals", "frequency_response")
 RUN_FIGURES: Registry[str] = Registry("figure", dict.fromkeys(OWN_FIGURES, ""))
 # Files of older versions, which a report or --force removes.
-OUTDATED = (
-    "opened.npz",
-    f"{PIECES}/ensemble_#_#.npz",
-    *figure_files("energy", "energy_#", formats=FORMATS),
-)
+_FIGURES_OF_ENERGY = figure_files("energy", "energy_#", formats=FORMATS)
+OUTDATED = ("opened.npz", f"{PIECES}/ensemble_#_#.npz", *_FIGURES_OF_ENERGY)
 
 
 POSTERIOR = Kind(

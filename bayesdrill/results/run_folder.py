@@ -36,6 +36,20 @@ def chain_mark(pieces: Sequence[Sequence[ChainSegment]]) -> str:
     return digest.hexdigest()
 
 
+def _consistent(piece: ChainSegment) -> ChainSegment:
+    """Return a segment; raises `ValueError` or `TypeError` if its shapes or numbers are wrong."""
+    steps, walkers, unknowns = piece.z.shape
+    np.random.RandomState().set_state(piece.state.random)
+    for values, shape in (
+        (piece.z, (steps, walkers, unknowns)),
+        (piece.log_p, (steps, walkers)),
+        (piece.accepted, (walkers,)),
+    ):
+        if values.shape != shape or not np.isfinite(values).all():
+            raise ValueError("other numbers than a chain has")
+    return piece
+
+
 def chain_image(pieces: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> bytes:
     """Return the bytes of a chain or segment, made in memory as HDF5 crashes when a disk is full.
 
@@ -115,7 +129,7 @@ def read_chain(path: Path, ensemble: int) -> tuple[ChainSegment, str | None]:
             state=State(z[-1], log_p[-1], (str(kind), keys, *map(int, numbers), cached)),
             seconds=1.0,
         )
-        return piece, contents.get("run")
+        return _consistent(piece), contents.get("run")
 
 
 # With "report" nothing is added to the chain, and with "read" nothing is written.

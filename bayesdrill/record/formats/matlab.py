@@ -50,9 +50,9 @@ def too_deep(file: bytes) -> bool:
             if kind == _COMPRESSED:
                 matrix = memoryview(zlib.decompressobj().decompress(packed, LARGEST_FILE))
             ends: list[int] = []
-            for found in beginning.finditer(matrix):
-                ends = [end for end in ends if end > found.start()]
-                ends.append(found.start() + 8 + struct.unpack(f"{order}I", found[1])[0])
+            for match in beginning.finditer(matrix):
+                ends = [end for end in ends if end > match.start()]
+                ends.append(match.start() + 8 + struct.unpack(f"{order}I", match[1])[0])
                 if len(ends) > MAX_DEPTH:
                     return True
         at += 8 + size
