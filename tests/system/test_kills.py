@@ -22,6 +22,7 @@ from support.finished_runs import FILES, UNREACHABLE, FinishedRun
 
 DRAWN = ("figures: []", "figures: [corner]")
 LONG = ("ess: 100, max_steps: 500", "ess: 10000000, max_steps: 4000")
+MANY_STARTS = ("starts: 1", "starts: 500")
 KILLS = 20
 GROUPS = ("posterior", "sample_stats", "posterior_predictive", "log_likelihood")
 
@@ -280,11 +281,12 @@ def test_a_run_goes_on_when_its_output_is_closed(
 def test_a_killed_worker_ends_the_command_with_a_message(
     command: str, tmp_path: Path, started: Processes
 ) -> None:
-    config, folder = command_line.small_config(tmp_path, DRAWN), tmp_path / "out"
-    saves = command in ("posterior", "calibrate")
-    if command == "report":
+    saves, draws = command in ("posterior", "calibrate"), command == "report"
+    change = DRAWN if saves or draws else MANY_STARTS  # few are searched without workers
+    config, folder = command_line.small_config(tmp_path, change), tmp_path / "out"
+    if draws:
         assert posterior(config, folder).status == 0
-    target = folder if command == "report" else config
+    target = folder if draws else config
     options = ["-o", folder] if saves else []
     process = command_line.start_process(
         *command.split(), target, *options, "--processes", "2", cwd=tmp_path
