@@ -97,15 +97,15 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     t = 1.0 - s
     z, before = 1.0, 0.0
     for _ in range(MAX_ITERATIONS):
-        of_q, of_p = q / (s * q + t * z), 1.0 / (s * p + t * z)
-        before, z = z, float(of_q.sum() / tried / of_p.mean())
+        of_q, of_p = q / (s * q + t * z), z / (s * p + t * z)  # both are bounded, however small z
+        before, z = z, z * float(of_q.sum() / tried / of_p.mean())
         if abs(z - before) < RELATIVE_TOLERANCE * z:
             break
     # Steps of one walker are correlated, so the error comes from the means of the walkers.
     walkers = of_p.mean(axis=1).ravel()
     mean_q = float(of_q.sum() / tried)
     spread_q = float((of_q**2).sum() / tried) / mean_q**2 - 1.0
-    spread_p = float(walkers.var(ddof=1) / walkers.mean() ** 2)
+    spread_p = float((walkers / walkers.mean()).var(ddof=1))  # no squares of very small numbers
     chance = math.sqrt(spread_q / tried + spread_p / len(walkers))
     error = math.hypot(chance, _disagreement(q, tried, z))
     return Evidence(log_z=median + math.log(z), error=error, overlap=min(mean_q, 1.0))

@@ -107,6 +107,15 @@ def test_a_proposal_far_below_the_chain_has_a_large_error_and_ends_nothing() -> 
     assert result.error > 100.0
 
 
+def test_walkers_at_far_apart_densities_have_a_finite_error() -> None:
+    """Of a record that contradicts its priors, log p/q differs by thousands between walkers."""
+    on_chain = np.linspace(-2000.0, 2000.0, 240).reshape(2, 20, 6)
+    found = bridge(on_chain, np.linspace(-3000.0, -2000.0, 100), 100)
+    assert found is not None
+    assert math.isfinite(found.log_z)
+    assert math.isfinite(found.error)
+
+
 def test_a_proposal_without_overlap_gives_no_evidence() -> None:
     target = TARGETS["boxed"]
     near = rough(target, 2)
