@@ -42,7 +42,7 @@ app = typer.Typer(
 
 def option(text: str, *names: str, **more: Any) -> Any:
     """Return an option with a help text; without names it is called after its argument."""
-    return typer.Option(*names, help=text, **more)
+    return typer.Option(*names, help=text.replace("[", r"\["), **more)  # a unit is no markup
 
 
 def folder_argument(text: str, metavar: str = "FOLDER") -> Any:

@@ -407,12 +407,24 @@ def conclude(
     draws, m = sampled.draws.reshape(-1, len(best)), len(study.names)
     prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(seed, "identify", 1))
     prior_draws = prior_draws[np.isfinite(space.log_prior(prior_draws))]
-    named = {n: x for n, x in zip(space.free, draws.T, strict=True) if n in problem.nominal}
-    every = {n: end_at_nominal(x, space.priors[n], problem.nominal[n]) for n, x in named.items()}
-    ends = {name: end for name, end in every.items() if end is not None}
+    ends = {
+        name: end
+        for name, x in zip(study.names, draws[:, :m].T, strict=True)
+        if name in problem.nominal
+        and (end := end_at_nominal(x, space.priors[name], problem.nominal[name])) is not None
+    }
     pressed = [row.name for row in rows if row.pressed_against is not None]
-    table, both = (problem.nominal, problem.tolerance), (draws[:, :m], prior_draws[:, :m])
-    verdict = judge(study, *both, *table, pressed, settings, ends, fits=fits)
+    verdict = judge(
+        study,
+        draws[:, :m],
+        prior_draws[:, :m],
+        problem.nominal,
+        problem.tolerance,
+        pressed,
+        settings,
+        ends,
+        fits=fits,
+    )
     findings = plausibility.plausibility_of_draws(problem, draws, study.information)
     findings += tuple(plausibility.plausibility_of_course(sensitivity, best))
     judged = Judgement(study=study, verdict=verdict, findings=findings)

@@ -225,6 +225,9 @@ def check_series(
     if len(bad):
         count = f"{count_noun(len(bad), 'value')} without a number, {_rows(bad, where)}"
         message = f"{what} has {count}; correct or cut these rows{instead}"
+        if missing:
+            count = f"{count_noun(len(bad), 'infinite value')}, {_rows(bad, where)}"
+            message = f"{what} has {count}; correct, mask or cut these rows"
     elif varying and len(values) and not len(numbers):
         message = f"{what} has no number that is used; check missing samples, masks and windows"
     elif len(beyond):

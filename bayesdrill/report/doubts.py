@@ -183,7 +183,7 @@ def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
 
 
 def describe_timing(moment: InputTiming | None) -> Iterable[str]:
-    """Yield a sentence on how far half a sample of delay moves values, if it moves them much."""
+    """Yield a sentence on how far values are off by half a sample of delay, if they are far off."""
     if moment is None or not moment.matters:
         return
     moved = sorted(moment.shifts, key=lambda shift: -abs(shift[1]))
@@ -192,8 +192,8 @@ def describe_timing(moment: InputTiming | None) -> Iterable[str]:
     width = 2 * moment.seconds
     yield (
         f"timing: if the inputs act half a sample ({1e3 * moment.seconds:.3g} ms) later than recorded, "
-        f"the fit is as good, and values move: {named} sds. If that is possible, add `inputs: {{t_0: "
-        f"{{prior: uniform, low: -{width:.3g}, high: {width:.3g}}}}}`."
+        f"values are off, which residuals may not show: {named} of their sds. If that is possible, "
+        f"add `inputs: {{t_0: {{prior: uniform, low: -{width:.3g}, high: {width:.3g}}}}}`."
     )
 
 

@@ -87,7 +87,8 @@ class Findings(Value):
             parts += [describe_study(self.study, self.job.problem.model, self.reasons)]
             parts += describe_timing(self.moment)
             config = "CONFIG" if self.job.files.given else str(self.job.source.path)
-            parts.append(next_experiment(self.study.names, open_products(self.study), config))
+            left_open = open_products(self.study, self.job.config.identify)
+            parts.append(next_experiment(self.study.names, left_open, config))
         if self.profiles:
             parts.append(describe_profiles(self.shown, self.study, self.symbols))
         return "\n\n".join(filter(None, parts))
@@ -153,7 +154,9 @@ def identify(job: Job, best: Mode | None, wanted: Sequence[str], report: Reporte
     posterior = job.problem.posterior
     sensitivities = SensitivityStudy(posterior.likelihood)
     if not sensitivities.unknowns:
-        raise InputError.at("parameters", "no parameter is unknown; there is nothing to identify")
+        raise InputError.at(
+            "parameters", "no unknown has a relative deviation; there is nothing to identify"
+        )
     columns = _columns(sensitivities.unknowns, wanted)
     report.update(0.0, "looking at what the record can show")
     if best is None:
@@ -180,7 +183,7 @@ def identify(job: Job, best: Mode | None, wanted: Sequence[str], report: Reporte
 def preflight(job: Job, sensitivities: SensitivityStudy) -> str:
     """Describe in a few lines what the record can show at the start, or where the rig moves."""
     if not sensitivities.unknowns:
-        return "no parameter of the rig is unknown, only those of sensors, starts or noise"
+        return "no unknown has a relative deviation: all are of sensors, starts or noise, or have a sign"
     posterior = job.problem.posterior
     point, rig = study_point(sensitivities, posterior, job.config.seed), job.problem.model
     at_rest = describe_study_point(point, job.problem)

@@ -94,6 +94,8 @@ def run_posterior(
             _read_ahead(job, folder)
             mode = find_map.read_mode(folder, job.problem)
         report.say(words.headline(job.problem, job.config))
+        if any((folder.path / output_files.PIECES).glob("*.npz")):
+            report.say("segments that an older version left unfinished are not read")
         details.say(words.opening(job.problem))
         details.say(words.size(job.problem, job.config))
         begin(job, folder)

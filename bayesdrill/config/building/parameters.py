@@ -26,6 +26,7 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.numbers import ParameterPrior
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.posterior import Formula
+from bayesdrill.inference.priors import PRIORS
 from bayesdrill.inference.unknowns import RIG_ROLES, ParameterSpace, Role, Unknown
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.friction import Named
@@ -156,7 +157,9 @@ def parse_parameter(
     if spec.relative and value is None:
         way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
         raise ValueError(f"{no_table}, to be relative to; give {way_out}")
-    built, upper_limit = build_prior(spec, value), symbol.at_most
+    keeps_sign = symbol.unit != "rad" and spec.numbers.get("mean", 0.0) > 0.0  # as friction does
+    families = PRIORS if keeps_sign and spec.family == "normal" else spec.families
+    built, upper_limit = build_prior(spec, value, families), symbol.at_most
     if built.high > upper_limit:
         reaches = "has no end" if math.isinf(built.high) else f"goes up to {built.high:.6g}"
         example = f"such as {{prior: uniform, low: {0.5 * upper_limit:g}, high: {upper_limit:g}}}"
@@ -281,15 +284,15 @@ def _check_values(
     for name, relation in related.items():
         values = np.broadcast_to(named[name], len(theta))
         upper_limit = min(LARGEST, config.vocabulary.parameters[name].at_most)
-        good, wanted = (values >= SMALLEST) & (values <= upper_limit), "positive"
+        good, wanted = (values >= SMALLEST) & (values <= upper_limit), "positive (and"
         if config.vocabulary.parameters[name].signed:
-            good, wanted = np.abs(values) <= upper_limit, "a number"
+            good, wanted = np.abs(values) <= upper_limit, "finite (in size"
         if not good.all():
             k = int(np.argmin(good))
             errors.add(
                 ("parameters", name),
                 f"'{relation.text}' is {values[k]:.3g} at {100 * np.mean(~good):.3g} % of what the "
-                f"priors allow, and must be {wanted} (and at most {upper_limit:g}); correct the "
+                f"priors allow, and must be {wanted} at most {upper_limit:g}); correct the "
                 "formula or narrow the priors",
             )
     return named

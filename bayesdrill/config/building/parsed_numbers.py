@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,9 +41,17 @@ _MAX_TRUNCATION = 5  # sds by which the mean of a normal, cut at zero, may lie b
 MIN_RELATIVE_WIDTH = 1e-9  # a narrower prior holds hardly more than one floating-point number
 
 
-def build_prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
-    """Return the prior in its entry's unit; a `relative` one is scaled by `nominal_value`."""
-    values, positive = spec.numbers, spec.families is PRIORS
+def build_prior(
+    spec: PriorSpec,
+    nominal_value: float | None = None,
+    families: Mapping[str, Callable[..., Prior]] | None = None,
+) -> Prior:
+    """Return the prior in its entry's unit; a `relative` one is scaled by `nominal_value`.
+
+    The families are those of the entry by default.
+    """
+    families = spec.families if families is None else families
+    values, positive = spec.numbers, families is PRIORS
     if "low" in values and not values["low"] < values["high"]:
         ends = f"low {values['low']:g} is not below high {values['high']:g}"
         raise ValueError(f"{ends}; exchange or correct them")
@@ -50,7 +59,7 @@ def build_prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
         below = f"mean {values['mean']:g} lies more than {_MAX_TRUNCATION} sd below zero"
         nothing = "nothing of the prior is left; all unknowns are positive"
         raise ValueError(f"{below}, so that {nothing}")
-    built = spec.families[spec.family](**values)
+    built = families[spec.family](**values)
     if is_relative(spec) and nominal_value is not None:
         built = built.scaled(nominal_value)
     with np.errstate(all="ignore"):

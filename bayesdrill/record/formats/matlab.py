@@ -1,16 +1,18 @@
 """Read MATLAB files: v5 to v7 by SciPy, v7.3 by h5py.
 
 The depth of cells and structs in a file of v5 to v7 is checked first, without recursion: SciPy reads
-nested ones recursively, and some thousands end the process.
+nested ones recursively, and some thousands end the process. Elements are a flat stream of tags, which
+is followed here as SciPy follows it. The number of elements in a cell is known from its dimensions,
+never from the length in its tag.
 """
 
 from __future__ import annotations
 
-import re
+import math
 import struct
 import warnings
 import zlib
-from collections.abc import Collection, Mapping
+from collections.abc import Buffer, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,39 +26,95 @@ from bayesdrill.record.formats.table import RecordTable, read_bytes
 TITLES, UNITS = ("label", "title", "Name"), ("unit", "Unit")  # fields of a signal, best first
 MAX_DEPTH = 100  # files hardly nest ten levels, and SciPy fails at a thousand
 
-_MATRIX, _FLAGS, _COMPRESSED = 14, 6, 15  # kinds of elements
-_CONTAINERS = {1, 2, 3, 16, 17}  # classes: cells, structs, objects, functions, opaque objects
+_MATRIX, _COMPRESSED = 14, 15  # kinds of elements
+# Classes of matrices that contain others.
+_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE = 1, 2, 3, 16, 17
+_CONTAINERS = {_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE}
 _CLASS = 16  # bytes from the tag of a matrix to its class
+_MAX_DIMENSIONS = 32
 
 
 def too_deep(file: bytes) -> bool:
     """Return whether a file nests deeper than `MAX_DEPTH`; compressed numbers are not decompressed.
 
-    A matrix begins with its tag, its size and the tag of its flags, and contains those that begin
-    before its end.  Raises `zlib.error` or `struct.error` if the file is damaged.
+    Raises `zlib.error` or `struct.error` if the file is damaged.
     """
     if 0 in file[:4]:  # v4 has no cells
         return False
     order = "<" if file[126:128] == b"IM" else ">"
-    tag, flags = struct.pack(f"{order}I", _MATRIX), struct.pack(f"{order}II", _FLAGS, 8)
-    beginning = re.compile(re.escape(tag) + b"(.{4})" + re.escape(flags), re.DOTALL)
     at, view = 128, memoryview(file)
     while at < len(file):
         kind, size = struct.unpack_from(f"{order}II", file, at)
-        matrix, packed = view[at : at + 8 + size], view[at + 8 : at + 8 + size]
+        matrix: Buffer = view[at:]
         if kind == _COMPRESSED:
-            matrix = memoryview(zlib.decompressobj().decompress(packed, _CLASS + 4))
-        if struct.unpack_from(f"{order}I", matrix, _CLASS)[0] & 0xFF in _CONTAINERS:
-            if kind == _COMPRESSED:
-                matrix = memoryview(zlib.decompressobj().decompress(packed, LARGEST_FILE))
-            ends: list[int] = []
-            for match in beginning.finditer(matrix):
-                ends = [end for end in ends if end > match.start()]
-                ends.append(match.start() + 8 + struct.unpack(f"{order}I", match[1])[0])
-                if len(ends) > MAX_DEPTH:
-                    return True
+            packed = view[at + 8 : at + 8 + size]
+            matrix = zlib.decompressobj().decompress(packed, _CLASS + 4)
+            if _class(matrix, 0, order) in _CONTAINERS:
+                matrix = zlib.decompressobj().decompress(packed, LARGEST_FILE)
+        if _class(matrix, 0, order) in _CONTAINERS and _Walk(matrix, order).too_deep():
+            return True
         at += 8 + size
     return False
+
+
+def _class(matrix: Buffer, at: int, order: str) -> int:
+    return int(struct.unpack_from(f"{order}I", matrix, at + _CLASS)[0]) & 0xFF
+
+
+class _Walk:
+    """The walk passes through one variable, element by element."""
+
+    def __init__(self, data: Buffer, order: str) -> None:
+        self._data, self._order, self._at = memoryview(data), order, 0
+
+    def too_deep(self) -> bool:
+        remaining = [1]  # matrices still to come, at each depth
+        try:
+            while remaining and len(remaining) <= MAX_DEPTH + 1:
+                if remaining[-1] == 0:
+                    remaining.pop()
+                    continue
+                remaining[-1] -= 1
+                if count := self._enter():
+                    remaining.append(count)
+        except struct.error:  # the end of the data, or a file that is cut short
+            return False
+        return bool(remaining)
+
+    def _enter(self) -> int:
+        """Advance from the tag of a matrix to the next, and return how many matrices it contains."""
+        (size,) = self._words(self._at + 4, 1)
+        if size == 0:
+            self._at += 8
+            return 0
+        kind, count = _class(self._data, self._at, self._order), 0
+        self._at += _CLASS + 8
+        if kind in (_FUNCTION, _OPAQUE):
+            count = 1
+        if kind != _OPAQUE:
+            begin, size = self._element()
+            count = count or math.prod(self._words(begin, min(size // 4, _MAX_DIMENSIONS)))
+            self._element()  # its name
+        if kind == _OBJECT:
+            self._element()  # the name of its class
+        if kind in (_STRUCT, _OBJECT):
+            letters = self._words(self._element()[0], 1)[0]
+            count *= self._element()[1] // max(letters, 1)
+        while self._words(self._at, 1)[0] != _MATRIX:
+            self._element()
+        return count if kind in _CONTAINERS else 0
+
+    def _element(self) -> tuple[int, int]:
+        """Advance past an element that is no matrix; return the offset and size of its data [bytes]."""
+        at, (kind, size) = self._at, self._words(self._at, 2)
+        if kind >> 16:  # a small element has its data in the tag
+            self._at += 8
+            return at + 4, kind >> 16
+        self._at += 8 + size + -size % 8
+        return at + 8, size
+
+    def _words(self, at: int, count: int) -> tuple[int, ...]:
+        return struct.unpack_from(f"{self._order}{count}I", self._data, at)
 
 
 def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:

@@ -176,7 +176,7 @@ RECORDED_MARK = style.fix_look(
 USUAL_MARK = style.fix_look(
     color=style.NOMINAL["color"], marker="D", markersize=3.5, linestyle="none"
 )
-MARK_SHIFT = 0.23  # of a row, so that marks of equal sds stand one above the other
+MARK_SHIFT = 0.23  # shift of marks in rows, so that marks of equal sds stand one above the other
 
 
 def _waveform(panel: Axes, design: ExperimentDesign, symbol: Symbol, time: scales.Scale) -> None:

@@ -204,10 +204,10 @@ def remedies(study: IdentifiabilityStudy) -> str:
     return "\n".join(lines)
 
 
-def open_products(study: IdentifiabilityStudy) -> list[Exponents]:
+def open_products(study: IdentifiabilityStudy, thresholds: IdentifySpec) -> list[Exponents]:
     """Return products, chosen as those of a verdict are, that a record is expected to leave open."""
     prior_sd = np.array([known.prior_sd for known in study.parameters])
-    expected, thresholds = study.information.with_priors(prior_sd), IdentifySpec()
+    expected = study.information.with_priors(prior_sd)
 
     def is_open(exponents: Exponents) -> bool:
         powers = np.array(exponents, dtype=float)
@@ -250,7 +250,8 @@ def _of_each(study: IdentifiabilityStudy) -> str:
         if not unseen:
             return "the record determines every unknown"
         return (
-            f"the record determines every unknown but {listed(unseen)}, which the prior determines"
+            f"the record determines every unknown but {listed(unseen)}, which it leaves largely to "
+            "the prior"
         )
     parts = ["no symmetry hides an unknown from this record"]
     if loose:

@@ -67,3 +67,11 @@ def test_a_product_with_a_negative_tilt_is_excluded_from_the_prior() -> None:
     assert space.bounding == ()
     with pytest.raises(bd.InputError, match="must be positive"):
         pendulum({}, a_arm=ANY, g_arm="2*a_arm")
+
+
+def test_a_normal_prior_is_cut_at_zero_where_friction_keeps_its_sign() -> None:
+    """Otherwise a symmetry that scales friction, too, would be lost."""
+    near = {"prior": "normal", "mean": 0.05, "sd": 0.05}
+    space = pendulum({}, a_arm=near, t_f_arm=near).job.problem.posterior.space
+    roles = {unknown.name: (unknown.role, unknown.prior.low) for unknown in space.unknowns}
+    assert roles == {"t_f_arm": ("rig", 0.0), "a_arm": ("offset", -np.inf)}

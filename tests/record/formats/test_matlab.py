@@ -86,15 +86,16 @@ def test_a_damaged_or_huge_variable_that_is_not_wanted_does_no_harm(tmp_path: Pa
     np.testing.assert_array_equal(read(path, {"t"}).pick("t"), T)
 
 
-def nested(depth: int, *, packed: bool) -> bytes:
-    """Return a file of a number in cells in cells."""
+def nested(depth: int, *, packed: bool, size_of_cells: int | None = None) -> bytes:
+    """Return a file of a number in cells in cells; a given size stands in the tags of inner ones."""
     number = element(14, element(6, struct.pack("<II", 6, 0)) + ONE + element(1, b"") + SEVEN)
     heads, size = [], len(number)
     for k in reversed(range(depth)):
         flags, name = element(6, struct.pack("<II", 1, 0)), element(1, b"" if k else b"deep")
         head = flags + ONE + name
         size += len(head)
-        heads.append(struct.pack("<II", 14, size) + head)
+        told = size if k == 0 or size_of_cells is None else size_of_cells
+        heads.append(struct.pack("<II", 14, told) + head)
         size += 8
     content = b"".join(reversed(heads)) + number
     if packed:
@@ -111,12 +112,13 @@ SEVEN = element(9, struct.pack("<d", 7.0))
 
 
 @run_cases("packed", [False, True])
+@run_cases("size_of_cells", [None, 8])
 @run_cases("wanted", [None, {"deep"}, {"missing"}])
 def test_cells_in_cells_end_no_process(
-    packed: bool, wanted: set[str] | None, tmp_path: Path
+    packed: bool, size_of_cells: int | None, wanted: set[str] | None, tmp_path: Path
 ) -> None:
-    """SciPy reads each inside the last, until its stack is full."""
+    """SciPy reads each inside the last, until its stack is full, and trusts no size of a cell."""
     path = tmp_path / "run.mat"
-    path.write_bytes(nested(20_000, packed=packed))
+    path.write_bytes(nested(20_000, packed=packed, size_of_cells=size_of_cells))
     with pytest.raises(InputError, match=f"more than {MAX_DEPTH} deep; save plain arrays"):
         read(path, wanted)

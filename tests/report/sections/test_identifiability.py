@@ -7,6 +7,7 @@ from support.figure_checks import SYMBOLS, TABLE, si
 from support.figure_contexts import profile
 from support.linear_study import LINEAR, R_M, RATIO, draws_of, linear_study, verdict
 
+from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.report.sections.identifiability import (
     next_experiment,
     open_products,
@@ -38,5 +39,5 @@ def test_a_design_is_offered_for_the_products_that_the_verdict_calls_not_determi
 
 
 def test_products_that_a_record_would_not_narrow_are_open_before_it_is_sampled() -> None:
-    assert open_products(LINEAR) == []
-    assert {*open_products(linear_study(np.full(3, 1e-3)))} == {RATIO, R_M}
+    assert open_products(LINEAR, IdentifySpec()) == []
+    assert {*open_products(linear_study(np.full(3, 1e-3)), IdentifySpec())} == {RATIO, R_M}
