@@ -124,7 +124,7 @@ class Case(arguments.ExperimentPlanner, Value):
         columns = [] if self.columns is not None else [words.record_columns(problem, self.job.case)]
         doubts = words.doubts_before_sampling(problem)
         known = [str(self), *columns, words.preview(problem, config), *doubts, first]
-        return "\n".join([*known, words.validity(doubts)])
+        return "\n".join([*known, words.validity(doubts, self.job.source.text)])
 
     def log_density(self, values: Annotated[Mapping[str, ArrayLike], VALUES]) -> Array:
         """Compute the log of likelihood times prior over the unknowns.

@@ -164,7 +164,7 @@ def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
             low, high = _prior_ends(scales, rig, symbol, gear)
             prior = f"{{prior: log_uniform, low: {low:.1e}, high: {high:.1e}}}"
             lines.append(_with_meaning(f"  {name}: {prior}", 60, symbol))
-    further = [shaft.damping for shaft in rig.roles.shafts]
+    further = [s.damping for s in rig.roles.shafts if s.stiffness in rig.parameters]
     further += [inertia.sliding for inertia in rubbing if both_ways]
     further = [name for name in further if name in rig.offers and name not in rig.parameters]
     text = "Further physics is switched on by naming it, see docs/rigs.md; remove the #:"

@@ -247,7 +247,7 @@ def input_lines(context: DraftContext) -> list[str]:
     files = [record.file_of(sensor) for record, sensor in pairs] or context.records
     step = max(file.segment.dt for file in files)
     after = max(start.max_delay for start in starts) * step
-    doubt = "when it acts is known to one sample at best, and an error of half a one shifts "
+    doubt = "when it acts is known to one sample at best, and an error of half a sample shifts "
     doubt += "inertias by many standard deviations: an unknown"
     if dead := max(start.dead for start in starts):
         doubt += f". The speed follows about {1e3 * dead * step:.3g} ms late. A delay and a time "

@@ -141,7 +141,11 @@ def model(problem: Problem) -> str:
     added = held.pop("added", ())
     name = f"{rig.name} with {', '.join(added)}" if added else rig.name
     said = [f"{n} = {x:.6g}" if isinstance(x, float) else f"{n} = {x}" for n, x in held.items()]
-    gear = f"; the motor turns {1 / rig.gear_ratio:.4g} times as fast" if rig.geared else ""
+    gear = (
+        f"; the motor turns {1 / rig.gear_ratio:.4g} times as fast"
+        if rig.geared and rig.gear_ratio != 1
+        else ""
+    )
     return f"{name} ({', '.join(said)}{gear})" if said else name
 
 
@@ -206,13 +210,18 @@ def doubts_before_sampling(problem: Problem) -> tuple[str, ...]:
     )
 
 
-def validity(doubts: Sequence[str]) -> str:
-    """Return the sentence that ends the check of a config without mistakes."""
+def validity(doubts: Sequence[str], text: str) -> str:
+    """Return the sentence that ends the check of a config, by its `text`, without mistakes.
+
+    The marks REVIEW of a draft are counted, which nobody has looked at yet.
+    """
     lines = count_noun(
         len(doubts), "of the lines above is a doubt", "of the lines above are doubts"
     )
     look = f" {lines} about its values or its record." if doubts else ""
-    return f"The config has no mistakes and can be sampled.{look}"
+    marks = text.count("# REVIEW")
+    left = f" {count_noun(marks, 'mark')} REVIEW {'is' if marks == 1 else 'are'} left to look at."
+    return f"The config has no mistakes and can be sampled.{look}{left if marks else ''}"
 
 
 def predictive_draws(problem: Problem, config: Config) -> int:

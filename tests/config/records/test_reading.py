@@ -117,7 +117,9 @@ def test_missing_samples_are_left_out_on_request(tmp_path: Path) -> None:
     assert experiment.counts == (236,)
     assert "w_1: 4 missing samples are left out" in experiment.told
     save(tmp_path, "r.csv", t=T, w=[*with_blanks(SPEED[:-1]), "Inf"])
-    assert "1 infinite value, at line 241; correct, mask or cut" in refused(tmp_path, record="missing: drop")
+    assert "1 infinite value, at line 241; correct, mask or cut" in refused(
+        tmp_path, record="missing: drop"
+    )
 
 
 @pytest.mark.parametrize(
