@@ -293,10 +293,10 @@ def test_the_reference_has_every_command_entry_and_function() -> None:
 def test_the_example_of_a_verdict_is_what_is_printed(tmp_path: Path) -> None:
     """Every line of the page, as the bundled run prints it."""
     page = DOCS / "verdict.md"
-    result = command_line.cli(
-        "posterior", ROOT / "configs" / "nominal_step.yaml", "--output", tmp_path / "out"
-    )
-    printed = [line.rstrip() for line in result.text.splitlines()]
+    command = ("posterior", ROOT / "configs" / "nominal_step.yaml", "--output", tmp_path / "out")
+    brief = command_line.cli(*command)
+    whole = command_line.cli(*command, "--force", "--verbose")
+    printed = [line.rstrip() for line in (brief.text + whole.text).splitlines()]
     for block in blocks(page, "text"):
         for line in block.splitlines():
             assert line in printed, line
@@ -304,7 +304,7 @@ def test_the_example_of_a_verdict_is_what_is_printed(tmp_path: Path) -> None:
     shown = re.findall(r"^\| (c_m|k_e|k_s) \| (.*) \|$", page.read_text(), re.MULTILINE)
     assert len(shown) == 3
     for name, row in shown:
-        (line,) = (line for line in summary if line.startswith(f"| {name} "))
+        line = next(line for line in summary if line.startswith(f"| {name} "))  # of its parameters
         assert {*row.split(" | ")} <= {*line.strip("| ").split(" | ")}, name
 
 
