@@ -7,7 +7,7 @@ import dataclasses
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -429,7 +429,7 @@ def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -
     records = [name for name in times if name and parse_head(name).kind in ("", "time")]
     if len(records) > 1:
         signals = [c for c in columns if c.meaning.kind != "time" and _structure(c) in records]
-        first = (signals or columns)[0]
+        first = [*_motions_first(signals), *columns][0]
         raise InputError.at(
             str(table.path),
             f"holds {len(records)} records: {', '.join(records)}. Name the columns of one, for example "
@@ -449,12 +449,31 @@ def _named_by_file(table: RecordTable, columns: list[FileColumn]) -> list[FileCo
     return [dataclasses.replace(c, meaning=meaning) if c is signals[0] else c for c in columns]
 
 
+# What a column of each kind may be, in an example of `--columns`; those of motion come first.
+_EXAMPLES = {
+    "speed": "w_2 [rpm]",
+    "angle": "theta_2 [deg]",
+    "": "theta_2 [deg]",
+    "voltage": "v [V]",
+    "current": "i [A]",
+    "torque": "t_1 [N*m]",
+    "time": "t [s]",
+}
+
+
+def _motions_first(columns: Iterable[FileColumn]) -> list[FileColumn]:
+    """Return columns that may be examples, measured motions first and set points last."""
+    order = [*_EXAMPLES]
+    known = (column for column in columns if column.meaning.kind in order)
+    return sorted(known, key=lambda c: (c.meaning.is_setpoint, order.index(c.meaning.kind)))
+
+
 def _columns_option(columns: Sequence[FileColumn]) -> str:
-    """Return an example of `--columns` for columns of unknown meaning: a time and an angle or speed."""
+    """Return an example of `--columns`: a time, and a column of motion if there is any."""
     times = [column for column in columns if column.is_even][:1]
-    others = [column for column in columns if column not in times][:1]
+    others = _motions_first(column for column in columns if column not in times)
     typed = [(column, "t [s]") for column in times]
-    typed += [(c, "w_2 [rpm]" if c.meaning.kind else "theta_2 [deg]") for c in others]
+    typed += [(column, _EXAMPLES[column.meaning.kind]) for column in others[:1]]
     return " ".join(f'--columns "{column.command}={what}"' for column, what in typed)
 
 

@@ -164,4 +164,4 @@ def test_structures_of_simulink_are_read_one_record_at_a_time(tmp_path: Path) ->
     scipy.io.savemat(tmp_path / "two.mat", {"a": scope, "b": scope})
     message = refusal(tmp_path / "two.mat")
     assert "holds 2 records: a, b" in message
-    assert '--columns "a.signals(1).values=' in message
+    assert '--columns "a.signals(2).values=w_2 [rpm]"' in message  # and not the voltage

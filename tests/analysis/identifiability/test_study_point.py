@@ -101,7 +101,7 @@ def test_nothing_is_said_of_the_record_where_no_draw_moves_the_rig() -> None:
     [
         (
             {"theta_2": "free", "w_2": "free"},
-            "every unknown but theta_2_0, which the prior determines",
+            "every unknown but theta_2_0, which it leaves largely to the prior",
         ),
         ({"w_2": "free"}, "every unknown"),
     ],
