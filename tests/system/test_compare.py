@@ -65,7 +65,7 @@ def test_a_wrong_model_is_found_and_no_noise_makes_up_for_it(runs: Path) -> None
     assert "verdict: MODEL: given is e^" in result.out
     assert "the residuals of given look like the noise" in result.out
     page = (out / "comparison.md").read_text(encoding="utf-8")
-    assert page.index("## Verdict") < page.index("## Models") < page.index("## Figures")
+    assert page.index("## Verdict") < page.index("## Figures") < page.index("## Models")
     for end in ("pdf", "png"):
         assert (out / "figures" / f"comparison.{end}").stat().st_size > 5000
     run = json.loads((out / "run.json").read_text())
