@@ -190,12 +190,12 @@ def labelled_symbol(symbol: Symbol, label: str) -> Symbol:
     if not label:
         return symbol
     shown = label.replace("_", r"\_")
-    latex = superscript(symbol.latex, rf"\mathrm{{{shown}}}")
-    name, meaning = (
-        labelled_name(symbol.name, label),
-        f"{symbol.meaning}, of the experiment {label}",
+    return dataclasses.replace(
+        symbol,
+        name=labelled_name(symbol.name, label),
+        latex=superscript(symbol.latex, rf"\mathrm{{{shown}}}"),
+        meaning=f"{symbol.meaning}, of the experiment {label}",
     )
-    return dataclasses.replace(symbol, name=name, latex=latex, meaning=meaning)
 
 
 @dataclass(frozen=True, kw_only=True)

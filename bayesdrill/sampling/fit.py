@@ -84,18 +84,24 @@ def searching_processes(posterior: Posterior, plan: FitPlan, processes: int) -> 
     """
     if processes == 1:
         return 1
-    points = posterior.space.draw(mode_search.MULTI_STARTS, seeds.stream(plan.chains.seed, "scout"))
-    posterior.density(points)  # loads the kernels, or compiles them
+    searched = _excerpt(posterior, plan) or posterior
+    points = searched.space.draw(mode_search.MULTI_STARTS, seeds.stream(plan.chains.seed, "scout"))
+    searched.density(points)  # loads the kernels, or compiles them
     begun = time.perf_counter()
-    posterior.density(points)
+    searched.density(points)
     seconds = (time.perf_counter() - begun) * BATCHES_PER_START * plan.starts
     return processes if seconds * (1 - 1 / processes) > WORKERS_START else 1
+
+
+def _excerpt(posterior: Posterior, plan: FitPlan) -> Posterior | None:
+    """Return the posterior of the first samples of long records, if that is searched."""
+    return None if plan.shortest is None else compression.excerpt(posterior)
 
 
 def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> PendingSearches:
     """Submit all searches; a pool without workers does them at once."""
     seed = plan.chains.seed
-    excerpt = None if plan.shortest is None else compression.excerpt(pool.posterior)
+    excerpt = _excerpt(pool.posterior, plan)
     posterior = pool.posterior if excerpt is None else excerpt
 
     def submit(function: Callable[..., Any], *arguments: Any) -> Future[Any]:

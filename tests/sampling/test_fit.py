@@ -18,5 +18,5 @@ def test_workers_search_only_where_the_density_is_slow(
 ) -> None:
     space = SimpleNamespace(draw=lambda n, rng: np.zeros((n, 1)))
     posterior: Any = SimpleNamespace(space=space, density=lambda points: time.sleep(seconds))
-    plan: Any = SimpleNamespace(starts=4, chains=SimpleNamespace(seed=1))
+    plan: Any = SimpleNamespace(starts=4, chains=SimpleNamespace(seed=1), shortest=None)
     assert searching_processes(posterior, plan, processes) == given

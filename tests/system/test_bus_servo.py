@@ -96,7 +96,7 @@ def test_four_records_of_a_servo_are_fitted_jointly(tmp_path: Path) -> None:
 
 
 def test_pendulums_of_another_length_are_predicted(tmp_path: Path) -> None:
-    """Of both masses, by the longer ones; the mutant without `cooler` leaves twice as much."""
+    """The longer pendulums predict both masses; the mutant without `cooler` leaves twice as much."""
     values = fitted(tmp_path, "light_long", "heavy_long")
     assert 1.1 < values["C"] < 1.5
     units = {"J": "kg*m**2", "K": "N*m/V", "C": "N*m*s/rad"}

@@ -181,7 +181,6 @@ def _more_channels(
 def _other_inputs(
     sensitivity: SensitivityStudy, theta: Array
 ) -> Iterator[tuple[str, DesignVariant]]:
-    """Yield variants with another drive, no drive or a known load in the second half."""
     rig = sensitivity.model
     for name in drives_of(rig):
         mean = sensitivity.mean_input(name)
@@ -194,21 +193,28 @@ def _other_inputs(
         if free:
             coast = f"let the rig coast down half-way ({free})"
             yield coast, DesignVariant(late={name: -mean})
-    motion, observations = rig.roles.motion, sensitivity.likelihood.observations
-    loads = [i for i in rig.roles.inertias if i.load in sensitivity.inputs]
-    for inertia in loads:  # a known load is as large as a record well shows
-        loaded = sensitivity.motions(theta, DesignVariant(late={inertia.load: 1.0}))
-        changes = []  # largest change of a channel by a unit load, over its range
-        for each, *both in zip(observations, sensitivity.motions(theta), loaded, strict=True):
-            unloaded, pushed = (x @ each.experiment.weights(sensitivity.states).T for x in both)
-            with np.errstate(all="ignore"):  # the range of a channel may be zero
-                changes.append(np.max(np.ptp(pushed - unloaded, axis=0) / np.ptp(unloaded, axis=0)))
-        largest = float(np.max(changes))
-        if 0 < largest < np.inf:
-            load, where = LOAD_SHARE / largest, f" {inertia.at}" if len(loads) > 1 else ""
-            size = f"{load:.2g} {motion.newtons}{where}"
-            what = f"apply a known load {motion.torque} of {size} half-way"
-            yield what, DesignVariant(late={inertia.load: load})
+    loaded = [i for i in rig.roles.inertias if i.load in sensitivity.inputs]
+    for inertia in loaded:
+        where = f" {inertia.at}" if len(loaded) > 1 else ""
+        yield from _load(sensitivity, theta, inertia.load, where)
+
+
+def _load(
+    sensitivity: SensitivityStudy, theta: Array, torque: str, where: str
+) -> Iterator[tuple[str, DesignVariant]]:
+    """Yield the variant with a known load in the second half, as large as a record well shows."""
+    motion, observations = sensitivity.model.roles.motion, sensitivity.likelihood.observations
+    loaded = sensitivity.motions(theta, DesignVariant(late={torque: 1.0}))
+    changes = []  # largest change of a channel by a unit load, over its range
+    for observation, *both in zip(observations, sensitivity.motions(theta), loaded, strict=True):
+        free, pushed = (x @ observation.experiment.weights(sensitivity.states).T for x in both)
+        with np.errstate(all="ignore"):  # the range of a channel may be zero
+            changes.append(np.max(np.ptp(pushed - free, axis=0) / np.ptp(free, axis=0)))
+    change = float(np.max(changes))
+    if 0 < change < np.inf:
+        load = LOAD_SHARE / change
+        what = f"apply a known load {motion.torque} of {load:.2g} {motion.newtons}{where} half-way"
+        yield what, DesignVariant(late={torque: load})
 
 
 MIN_FALL = 2.0  # factor by which an sd would fall if a nuisance that is named were known

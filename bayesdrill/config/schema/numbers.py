@@ -184,20 +184,16 @@ class Tie(Strict):
     tie: str = Field(description="The parameter, or quantity, that this one is equal to.")
 
 
-ParameterSpec = Annotated[
+_P = typing.TypeVar("_P")
+_SpecOf = Annotated[
     Annotated[Number, Tag("<number>")]
     | Annotated[str, Tag("<word>")]
     | Annotated[Tie, Tag("<tie>")]
-    | Annotated[_ParameterPrior, Tag("<mapping>")],
+    | Annotated[_P, Tag("<mapping>")],
     Discriminator(_parameter_shape),
 ]
-SignedSpec = Annotated[
-    Annotated[Number, Tag("<number>")]
-    | Annotated[str, Tag("<word>")]
-    | Annotated[Tie, Tag("<tie>")]
-    | Annotated[_SignedPrior, Tag("<mapping>")],
-    Discriminator(_parameter_shape),
-]
+ParameterSpec = _SpecOf[_ParameterPrior]
+SignedSpec = _SpecOf[_SignedPrior]
 
 SigmaSpec = Annotated[
     Annotated[Positive, Tag("<number>")] | Annotated[_ParameterPrior, Tag("<mapping>")],
