@@ -206,8 +206,10 @@ def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
     """Shut down a pool, whose workers have `patience` seconds to finish their tasks.
 
     The pool itself would wait for ever for a suspended worker, or the rest of a killed one's result.
+    Its thread is waited for, as it removes semaphores under a lock that a forked child would inherit.
     """
     workers = list((pool._processes or {}).values())  # other children of this process are not ours
+    thread: Any = pool._executor_manager_thread
     with held_signals():
         pool.shutdown(wait=False, cancel_futures=True)
         end = time.monotonic() + patience
@@ -215,6 +217,8 @@ def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
             worker.join(max(0.0, end - time.monotonic()))
         for worker in workers:
             worker.kill()
+        if thread is not None:
+            thread.join(1.0)
 
 
 # A worker process keeps the one posterior that it serves here.
