@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event, Thread, Timer
 from typing import Any, TextIO, cast
 
 import typer
@@ -157,7 +157,8 @@ def never_silent(silence: float = SILENCE) -> Iterator[None]:
 def _interruptible() -> Iterator[None]:
     """Raise `KeyboardInterrupt` at the first Ctrl-C, SIGTERM or SIGHUP; ignore further ones.
 
-    A second one would stop the clean-up. Signals that were ignored before (nohup) still are.
+    A second one would stop the clean-up. Signals that were ignored before (nohup) still are. Python
+    discards what is raised while an object is deleted; such a signal is raised again a moment later.
     """
     numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
@@ -168,11 +169,23 @@ def _interruptible() -> Iterator[None]:
             signal.signal(number, signal.SIG_IGN)
         raise errors.Stopped
 
-    for number in heard:
-        signal.signal(number, interrupt)
+    def hear() -> None:
+        for number in heard:
+            signal.signal(number, interrupt)
+
+    def raise_again(lost: sys.UnraisableHookArgs) -> None:
+        if isinstance(lost.exc_value, errors.Stopped):
+            hear()
+            Timer(0.01, os.kill, [os.getpid(), heard[0]]).start()
+        else:
+            hook(lost)
+
+    hook, sys.unraisablehook = sys.unraisablehook, raise_again
+    hear()
     try:
         yield
     finally:
+        sys.unraisablehook = hook
         for number in heard:
             if signal.getsignal(number) is interrupt:
                 signal.signal(number, before[number])

@@ -61,6 +61,17 @@ def stop_at_a_library() -> None:
         raise ImportError("initialization failed") from stopped
 
 
+class _SignalledWhenDeleted:
+    def __del__(self) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+
+def be_signalled_while_an_object_is_deleted() -> None:
+    """Python discards the first exception, and prints that it did."""
+    _SignalledWhenDeleted()
+    time.sleep(30)
+
+
 def test_a_killed_worker_ends_in_a_message(tmp_path: Path, capsys: Capture) -> None:
     """Whatever the command; a run says how to go on."""
     assert exit_status(lose_a_worker) == INPUT_WRONG
@@ -97,8 +108,9 @@ def test_a_stopped_command_claims_nothing_of_files(capsys: Capture) -> None:
     for number in STOPPING:
         assert exit_status(lambda number=number: signal.raise_signal(number)) == INTERRUPTED
         assert capsys.readouterr().err == "stopped\n"
-    assert exit_status(stop_at_a_library) == INTERRUPTED
-    assert capsys.readouterr().err == "stopped\n"
+    for command in (stop_at_a_library, be_signalled_while_an_object_is_deleted):
+        assert exit_status(command) == INTERRUPTED
+        assert capsys.readouterr().err == "stopped\n"
 
 
 def test_only_the_first_of_many_signals_interrupts() -> None:
