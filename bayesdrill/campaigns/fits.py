@@ -6,7 +6,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import batched
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from bayesdrill import output_files
-from bayesdrill.analysis.identifiability.information import SensitivityStudy
-from bayesdrill.analysis.identifiability.study import study_of
+from bayesdrill.analysis.identifiability.information import SensitivityStudy, simple_exponents
+from bayesdrill.analysis.identifiability.study import KnownProduct, products, study_of
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter, Silent
@@ -25,6 +25,7 @@ from bayesdrill.campaigns.records import run_job
 from bayesdrill.campaigns.runs import CampaignPlan, CampaignRun
 from bayesdrill.config.job import Job
 from bayesdrill.inference.posterior import Likelihood, Posterior
+from bayesdrill.inference.priors import prior_log_sd
 from bayesdrill.inference.residual_checks import residual_summaries
 from bayesdrill.output_files import DRAWS
 from bayesdrill.report.doubts import residual_reasons
@@ -49,14 +50,15 @@ BEYOND = "its draws are beyond the priors"
 class Reference:
     """The reference of a campaign is the maximum of its base config.
 
-    Searches of all runs begin at its `values`.  `products` are those that it determines, with powers
-    `exponents` of the unknowns `names`.
+    Searches of all runs begin at its `values`.  `products` are those that its record determines without
+    priors, with powers `exponents` of the unknowns `names`.  `left_out` says why others are none.
     """
 
     names: tuple[str, ...]
     products: tuple[str, ...]
     exponents: tuple[tuple[int, ...], ...]
     values: Mapping[str, float]
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,16 +110,35 @@ def find_reference(job: Job, crew: RefitExecutor) -> Reference:
     study = study_of(
         sensitivity, posterior, theta, job.config.identify, job.config.seed, "the maximum"
     )
-    exponents = tuple(each.exponents for each in study.products if each.word == "determined")
-    if not exponents:
+    simple, settings = simple_exponents(len(study.names)), job.config.identify
+    prior_sd = np.array([parameter.prior_sd for parameter in study.parameters])
+    share = study.information.bounds_of(simple) / np.linalg.norm(simple * prior_sd, axis=1)
+    # Ends of the priors of others may narrow a product of which the record alone knows little.
+    chosen = products(study.information, prior_sd, simple[share < settings.determined], settings)
+    if not chosen:
         message = "no product of parameters is determined by its record; see `bayesdrill identify`"
         raise InputError.at(str(job.source.path), message)
+    exponents = [each.exponents for each in chosen]
+    others = [
+        each
+        for each in study.products
+        if np.linalg.matrix_rank([*exponents, each.exponents]) > len(exponents)
+    ]
     return Reference(
         names=study.names,
         products=tuple(product(study.names, powers) for powers in exponents),
-        exponents=exponents,
+        exponents=tuple(exponents),
         values=mode.values,
+        left_out={product(study.names, each.exponents): _why_not(each) for each in others},
     )
+
+
+def _why_not(known: KnownProduct) -> str:
+    """Return why a product is left out of the population."""
+    if not np.isfinite(known.bound):
+        return "no such record shows it, so all that is known of it are priors"
+    alone, prior = (f"{100 * sd:.2g} %" for sd in (known.bound, known.prior_sd))
+    return f"the base record alone knows it to {alone}, and the priors to {prior}"
 
 
 def seed_of(plan: CampaignPlan, run: CampaignRun, attempt: int = 1) -> int:
@@ -320,3 +341,51 @@ def kept_draws(campaign: CheckedCampaign, folder: Path) -> Iterator[tuple[Campai
         fitted = None if mark is None else read_draws(folder, run.name, mark)
         if fitted is not None:
             yield run, fitted
+
+
+def determined_products(
+    campaign: CheckedCampaign, fitted: Mapping[str, FittedRun]
+) -> tuple[CheckedCampaign, Mapping[str, FittedRun]]:
+    """Return the campaign with those products that most runs determine, and the runs' draws of them.
+
+    A run determines a product if its draws are narrower than the prior by the share of `identify:`.
+    Draws of fewer products have another interim prior, which is integrated over the others.
+    Raises `InputError` if no product remains.
+    """
+    reference, job = campaign.reference, campaign.job
+    powers, priors = np.array(reference.exponents, dtype=float), job.problem.posterior.space.priors
+    before = powers * [prior_log_sd(priors[name]) for name in reference.names]
+    limits = job.config.identify.determined * np.linalg.norm(before, axis=1)
+    counts = sum((run.log_products.std(axis=0) < limits).astype(int) for run in fitted.values())
+    kept = [k for k, count in enumerate(counts) if 2 * count > len(fitted)]
+    if len(kept) == len(powers):
+        return campaign, fitted
+    few = {
+        reference.products[k]: f"only {count} of {len(fitted)} runs determine it"
+        for k, count in enumerate(counts)
+        if k not in kept
+    }
+    if not kept:
+        message = f"most runs determine none of the products {', '.join(few)}"
+        raise InputError.at(str(job.source.path), f"{message}; leave out those runs")
+    draws = dict[str, FittedRun]()
+    for run in campaign.plan.runs:
+        if run.name in fitted:
+            each = run_job(campaign.plan, run) if run.changes else job
+            priors, logs = (
+                each.problem.posterior.space.priors,
+                fitted[run.name].log_products[:, kept],
+            )
+            known = [priors[name] for name in reference.names]
+            density = log_density_of_products(logs, powers[kept], known)
+            sure = np.isfinite(density)
+            draws[run.name] = replace(
+                fitted[run.name], log_products=logs[sure], log_interim=density[sure]
+            )
+    reduced = replace(
+        reference,
+        products=tuple(reference.products[k] for k in kept),
+        exponents=tuple(reference.exponents[k] for k in kept),
+        left_out={**reference.left_out, **few},
+    )
+    return replace(campaign, reference=reduced), draws

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from bayesdrill.campaigns.conclusion import CampaignRecord, concluded
 from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
 from bayesdrill.campaigns.fit import MIN_RUNS, PopulationFit, fit_population
 from bayesdrill.campaigns.fits import CheckedCampaign, Reference
-from bayesdrill.campaigns.population import PopulationSettings
+from bayesdrill.campaigns.population import NominalRange, PopulationSettings
 from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs
 from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan, describe_plan
 from bayesdrill.config.job import Job
@@ -32,7 +33,7 @@ from bayesdrill.results.run_folder import VERSION_OF, Folder, WriteMode, dump_re
 from bayesdrill.tasks.remote import RefitExecutor
 
 REFERENCE, RECORD = "reference.json", "campaign.json"
-FORM = 1  # version of both files
+FORM = 2  # version of both files
 OUTLIERS = "outliers"  # stands for all outliers in `--page`
 
 
@@ -134,8 +135,17 @@ def _publish(
 ) -> CampaignOutcome:
     """Sample the population of the fitted runs, and write all tables and pages."""
     plan, marks = campaign.plan, campaign.marks
-    kept = list(fits.kept_draws(campaign, folder.path))
-    used = [(run, fitted) for run, fitted in kept if fitted.usable]
+    kept = {run.name: fitted for run, fitted in fits.kept_draws(campaign, folder.path)}
+    not_used = {
+        name: (*fitted.reasons, fits.BEYOND)[0]
+        for name, fitted in kept.items()
+        if not fitted.usable
+    }
+    usable = {name: fitted for name, fitted in kept.items() if name not in not_used}
+    if len(usable) < MIN_RUNS:
+        raise _too_few(plan, len(usable), [*itertools.starmap(Issue, not_used.items()), *problems])
+    campaign, fitted_runs = fits.determined_products(campaign, usable)
+    used = [(run, fitted_runs[run.name]) for run in plan.runs if run.name in usable]
     runs = tuple(
         InterimDraws(
             name=run.name,
@@ -147,11 +157,6 @@ def _publish(
         )
         for run, fitted in used
     )
-    not_used = {
-        run.name: (*fitted.reasons, fits.BEYOND)[0] for run, fitted in kept if not fitted.usable
-    }
-    if len(runs) < MIN_RUNS:
-        raise _too_few(plan, len(runs), [*itertools.starmap(Issue, not_used.items()), *problems])
     draws = CampaignDraws(products=campaign.reference.products, runs=runs)
     settings = PopulationSettings(nominal=_nominal(campaign.job, campaign.reference))
     mark = _population_mark(draws, settings, plan.spec.seed)
@@ -172,7 +177,10 @@ def _publish(
         {run.name: each for run, fitted in used if (each := getattr(fitted, name))}
         for name in ("reasons", "misfit")
     )
-    record = concluded(plan.spec.name, mark, population, not_used, doubts, misfit, reasons)
+    left_out = campaign.reference.left_out
+    record = concluded(
+        plan.spec.name, mark, population, left_out, not_used, doubts, misfit, reasons
+    )
     pages.write_campaign(campaign, record, folder)
     folder.write_text(RECORD, output_files.dumps_checksummed({"form": FORM, **as_data(record)}))
     folder.write_run(status="finished", files=folder.digests())
@@ -204,11 +212,17 @@ def _population_mark(draws: CampaignDraws, settings: PopulationSettings, seed: i
     return digest.hexdigest()[:16]
 
 
-def _nominal(job: Job, reference: Reference) -> dict[str, float]:
-    """Return the nominal values of those products whose parameters all have one."""
-    values, products = job.problem.nominal, dict[str, float]()
+def _nominal(job: Job, reference: Reference) -> dict[str, NominalRange]:
+    """Return logs of nominal values and tolerances of products whose parameters all have a value."""
+    problem, products = job.problem, dict[str, NominalRange]()
     for name, exponents in zip(reference.products, reference.exponents, strict=True):
         powers = {n: e for n, e in zip(reference.names, exponents, strict=True) if e}
-        if powers.keys() <= values.keys():
-            products[name] = float(np.prod([values[n] ** e for n, e in powers.items()]))
+        if powers.keys() <= problem.nominal.keys():
+            value = sum(e * math.log(problem.nominal[n]) for n, e in powers.items())
+            ends = [
+                sorted(e * math.log1p(sign * problem.tolerance.get(n, 0.0)) for sign in (-1, 1))
+                for n, e in powers.items()
+            ]
+            low, high = (value + sum(each) for each in zip(*ends, strict=True))
+            products[name] = NominalRange(value=value, low=low, high=high)
     return products
