@@ -14,7 +14,11 @@ from typing import Any
 import numpy as np
 
 from bayesdrill import output_files
-from bayesdrill.analysis.identifiability.information import SensitivityStudy, simple_exponents
+from bayesdrill.analysis.identifiability.information import (
+    Information,
+    SensitivityStudy,
+    simple_exponents,
+)
 from bayesdrill.analysis.identifiability.study import KnownProduct, products, study_of
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
@@ -24,6 +28,7 @@ from bayesdrill.campaigns.interim_prior import log_density_of_products
 from bayesdrill.campaigns.records import run_job
 from bayesdrill.campaigns.runs import CampaignPlan, CampaignRun
 from bayesdrill.config.job import Job
+from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import prior_log_sd
 from bayesdrill.inference.residual_checks import residual_summaries
@@ -110,11 +115,8 @@ def find_reference(job: Job, crew: RefitExecutor) -> Reference:
     study = study_of(
         sensitivity, posterior, theta, job.config.identify, job.config.seed, "the maximum"
     )
-    simple, settings = simple_exponents(len(study.names)), job.config.identify
     prior_sd = np.array([parameter.prior_sd for parameter in study.parameters])
-    share = study.information.bounds_of(simple) / np.linalg.norm(simple * prior_sd, axis=1)
-    # Ends of the priors of others may narrow a product of which the record alone knows little.
-    chosen = products(study.information, prior_sd, simple[share < settings.determined], settings)
+    chosen = shown_products(study.information, prior_sd, job.config.identify)
     if not chosen:
         message = "no product of parameters is determined by its record; see `bayesdrill identify`"
         raise InputError.at(str(job.source.path), message)
@@ -131,6 +133,18 @@ def find_reference(job: Job, crew: RefitExecutor) -> Reference:
         values=mode.values,
         left_out={product(study.names, each.exponents): _why_not(each) for each in others},
     )
+
+
+def shown_products(
+    information: Information, prior_sd: Array, settings: IdentifySpec
+) -> tuple[KnownProduct, ...]:
+    """Return independent products that the record determines without the priors of other unknowns.
+
+    Ends of these priors may narrow a product of which the record alone knows little.
+    """
+    simple = simple_exponents(len(prior_sd))
+    share = information.bounds_of(simple) / np.linalg.norm(simple * prior_sd, axis=1)
+    return products(information, prior_sd, simple[share < settings.determined], settings)
 
 
 def _why_not(known: KnownProduct) -> str:
