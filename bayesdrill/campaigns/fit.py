@@ -140,7 +140,7 @@ def fit_population(
     plain = run_arrays(mixtures, rig, np.zeros((len(runs), len(products))), noted, precision)
     mixtures = _contaminated(mixtures, rig)
     order = _order_of_time(draws)
-    histories = _histories(draws, plain, noted, order, settings.spread_scale)
+    histories = _histories(draws, plain, noted, order)
     offset, trends, extra_sd = _trends(histories, draws, order)
     design = np.column_stack([noted, trends])
     precision = np.append(precision, np.zeros(trends.shape[1]))
@@ -229,7 +229,7 @@ def _order_of_time(draws: CampaignDraws) -> Indices:
 
 
 def _histories(
-    draws: CampaignDraws, data: RunArrays, noted: Array, order: Indices, spread_scale: float
+    draws: CampaignDraws, data: RunArrays, noted: Array, order: Indices
 ) -> tuple[LevelHistory, ...]:
     """Study each log product over time, with rigs and noted columns as regressors."""
     if len(order) == 0:
@@ -240,7 +240,7 @@ def _histories(
     regressors = np.column_stack([rigs, np.nan_to_num(noted)])[order]
     regressors = regressors[:, regressors.any(axis=0)]
     return tuple(
-        level_history(times, mean[order, k], covariance[order, k, k], regressors, spread_scale)
+        level_history(times, mean[order, k], covariance[order, k, k], regressors)
         for k in range(mean.shape[1])
     )
 
