@@ -136,7 +136,7 @@ def fit_population(
     rig = np.array([rigs.index(run.rig) for run in runs])
     noted, missing, ignored = _noted(draws)
     precision = np.full(noted.shape[1], NOTED_PRECISION)
-    mixtures = [describe(run.log_products, run.log_interim) for run in runs]
+    mixtures = [describe(fit.log_products, fit.log_interim) for fit in draws.fits]
     plain = run_arrays(mixtures, rig, np.zeros((len(runs), len(products))), noted, precision)
     mixtures = _contaminated(mixtures, rig)
     order = _order_of_time(draws)

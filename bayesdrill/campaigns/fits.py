@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -23,9 +22,9 @@ from bayesdrill.analysis.identifiability.study import KnownProduct, products, st
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter, Silent
-from bayesdrill.campaigns.draws import evenly_spaced
+from bayesdrill.campaigns.draws import MOST_ATTEMPTS, FittedRun, evenly_spaced
 from bayesdrill.campaigns.interim_prior import log_density_of_products
-from bayesdrill.campaigns.records import run_job
+from bayesdrill.campaigns.records import digest_of, run_job
 from bayesdrill.campaigns.runs import CampaignPlan, CampaignRun
 from bayesdrill.config.job import Job
 from bayesdrill.config.schema.config import IdentifySpec
@@ -45,7 +44,6 @@ from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 FORM = 1  # version of the files of draws
 SEARCHES = 3  # searches of a run: one from the reference, the others from draws of the prior
 WALKERS = 64  # most walkers of an ensemble; the wanted draws need no more
-MOST_ATTEMPTS = 3  # most times a run is sampled, each with another seed, until it converges
 BATCH = 200  # number of runs whose records are in memory at the same time
 INTERIM = "log_interim"
 BEYOND = "its draws are beyond the priors"
@@ -78,32 +76,6 @@ class CheckedCampaign:
     job: Job
     reference: Reference
     marks: Mapping[str, str]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FittedRun:
-    """A fitted run has draws, as `InterimDraws` has them, and reasons not to believe them.
-
-    `misfit` are the reasons among them why its residuals are no noise, and `attempt` counts how often
-    it was sampled.
-    """
-
-    log_products: Array
-    log_interim: Array
-    reasons: tuple[str, ...]
-    misfit: tuple[str, ...] = ()
-    attempt: int = 1
-
-    @property
-    def usable(self) -> bool:
-        """Return whether there are draws; else nothing could be sampled."""
-        return len(self.log_interim) > 1
-
-    @property
-    def complete(self) -> bool:
-        """Return whether the run has draws that converged, or has been sampled often enough."""
-        sound = self.usable and len(self.reasons) == len(self.misfit)
-        return sound or self.attempt >= MOST_ATTEMPTS
 
 
 def find_reference(job: Job, crew: RefitExecutor) -> Reference:
@@ -158,9 +130,7 @@ def _why_not(known: KnownProduct) -> str:
 def seed_of(plan: CampaignPlan, run: CampaignRun, attempt: int = 1) -> int:
     """Return the seed of a run, which follows from its name, the campaign's seed, and the attempt."""
     again = f" {attempt}" if attempt > 1 else ""
-    text = f"{plan.spec.seed} {run.name}{again}"
-    digest = hashlib.sha256(text.encode("utf-8", "replace")).digest()
-    return int.from_bytes(digest[:8])
+    return int(digest_of(f"{plan.spec.seed} {run.name}{again}"), 16)
 
 
 def run_plan(plan: CampaignPlan, run: CampaignRun, job: Job, attempt: int = 1) -> FitPlan:
@@ -281,12 +251,9 @@ def fit_runs(
 
 
 def draws_marks(digests: Mapping[str, str], reference: Reference) -> dict[str, str]:
-    """Return, for each run, a digest of all that decides its draws; see `records.digest_of`."""
+    """Return, for each run, a digest of all that decides its draws; see `records.run_digest`."""
     known = json.dumps(asdict(reference), sort_keys=True)
-    return {
-        name: hashlib.sha256(f"{digest} {known}".encode()).hexdigest()[:16]
-        for name, digest in digests.items()
-    }
+    return {name: digest_of(f"{digest} {known}") for name, digest in digests.items()}
 
 
 def path_of(folder: Path, name: str) -> Path:
@@ -296,7 +263,7 @@ def path_of(folder: Path, name: str) -> Path:
 
 def number_of(name: str) -> int:
     """Return the number that stands for a run in the names of its files, a digest of its name."""
-    return int.from_bytes(hashlib.sha256(name.encode("utf-8", "replace")).digest()[:7])
+    return int(digest_of(name)[:14], 16)
 
 
 def write_draws(

@@ -36,16 +36,9 @@ class Estimate:
 
 def estimate(draws: Array) -> Estimate:
     """Return the estimate of a number from its draws."""
-    ends = map(float, np.quantile(draws, [0.05, 0.25, 0.75, 0.95]))
-    low_90, low_50, high_50, high_90 = ends
-    return Estimate(
-        mean=float(draws.mean()),
-        sd=float(draws.std()),
-        low_90=low_90,
-        low_50=low_50,
-        high_50=high_50,
-        high_90=high_90,
-    )
+    names = ("low_90", "low_50", "high_50", "high_90")
+    ends = dict(zip(names, np.quantile(draws, [0.05, 0.25, 0.75, 0.95]).tolist(), strict=True))
+    return Estimate(mean=float(draws.mean()), sd=float(draws.std()), **ends)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,7 @@ from support.simulated_campaigns import BRIEF, SimulatedRuns, interim_posterior,
 
 from bayesdrill.basics.json_records import as_data, from_data
 from bayesdrill.basics.progress import SILENT
-from bayesdrill.campaigns.draws import CampaignDraws
+from bayesdrill.campaigns.draws import FittedRun
 from bayesdrill.campaigns.fit import PopulationFit, fit_population
 from bayesdrill.campaigns.population import NominalRange, PopulationSettings
 
@@ -149,16 +149,16 @@ def test_a_vague_run_hardly_changes_the_population_and_a_badly_described_one_is_
     draws = normal_runs(rng, 8, np.array([0.02]), sd=0.005).draws(rng, 300)
     before = fit_population(draws, SETTINGS, rng, SILENT).populations[0].centre
     z, log_interim = interim_posterior(np.zeros(1), np.array([3.0]), rng, 300, width=1.0)
-    vague = replace(draws.runs[0], name="vague", log_products=z, log_interim=log_interim)
+    vague = FittedRun(log_products=z, log_interim=log_interim)
     places = np.repeat([-0.02, 0.02], 150)[:, None]
-    odd = replace(vague, name="odd", log_products=places, log_interim=np.zeros(300))
-    campaign = CampaignDraws(products=draws.products, runs=(*draws.runs, vague, odd))
+    odd = FittedRun(log_products=places, log_interim=np.zeros(300))
+    names = [replace(draws.runs[0], name=name) for name in ("vague", "odd")]
+    runs = (*draws.runs, *names)
+    campaign = replace(draws, runs=runs, fits=(*draws.fits, vague, odd))
     fit = fit_population(campaign, SETTINGS, rng, SILENT)
     assert fit.misdescribed == ("odd",)
-    runs = (*draws.runs, vague)
-    after = (
-        fit_population(replace(campaign, runs=runs), SETTINGS, rng, SILENT).populations[0].centre
-    )
+    campaign = replace(draws, runs=runs[:-1], fits=(*draws.fits, vague))
+    after = fit_population(campaign, SETTINGS, rng, SILENT).populations[0].centre
     assert abs(after.mean - before.mean) < 0.2 * before.sd
     assert after.sd == pytest.approx(before.sd, rel=0.15)
 

@@ -13,7 +13,8 @@ from bayesdrill.analysis.identifiability.information import Information
 from bayesdrill.basics.errors import Issue
 from bayesdrill.basics.progress import SILENT, Silent
 from bayesdrill.campaigns import fits, records
-from bayesdrill.campaigns.fits import CheckedCampaign, FittedRun, Reference
+from bayesdrill.campaigns.draws import FittedRun
+from bayesdrill.campaigns.fits import CheckedCampaign, Reference
 from bayesdrill.campaigns.runs import CampaignPlan, read_plan
 from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.inference.posterior import Posterior
