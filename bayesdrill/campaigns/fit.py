@@ -188,8 +188,8 @@ def _contaminated(mixtures: Sequence[RunMixture], rig: Indices) -> list[RunMixtu
     for g in np.unique(rig):
         mean[rig == g] -= np.median(mean[rig == g], axis=0)
     spread = MAD_TO_SD * np.median(np.abs(mean), axis=0)
-    own = np.array([np.diagonal(run.covariance) for run in mixtures])
-    far = mean**2 > SUSPICIOUS**2 * (spread**2 + own)
+    known = np.array([np.diagonal(run.covariance) for run in mixtures])
+    far = mean**2 > SUSPICIOUS**2 * (spread**2 + known)
     return [
         replace(
             run,
