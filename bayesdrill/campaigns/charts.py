@@ -124,5 +124,5 @@ def _panel(panel: Axes, population: PopulationFit, k: int, x: Array) -> Array:
     scale = scales.Scale(0.0, 0, low - margin, high + margin)
     style.scale_axis(panel.yaxis, scale, "", 5)
     if known.table is not None:
-        style.mark_values(panel, scale, float(relative(known.table.nominal)), vertical=True)
+        style.mark_values(panel, scale, float(relative(known.table.nominal.value)), vertical=True)
     return np.where(foreign, relative(alone), relative(shrunk))

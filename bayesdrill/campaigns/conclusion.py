@@ -32,6 +32,7 @@ class CampaignRecord:
     mark: digest of all that decides the population, which is kept while this is the same
     verdict: the result in one sentence
     history: drifts, changes and walks of products, in sentences
+    left_out: products that are none of the population, and why
     not_used: runs that nothing could be sampled of, or whose record is bad, and why
     doubts: reasons not to believe the fits of runs
     reasons: likely reasons of runs whose pages were made
@@ -43,6 +44,7 @@ class CampaignRecord:
     mark: str
     verdict: str
     history: tuple[str, ...]
+    left_out: Mapping[str, str]
     not_used: Mapping[str, str]
     doubts: Mapping[str, tuple[str, ...]]
     reasons: Mapping[str, str]
@@ -69,6 +71,7 @@ def concluded(
     name: str,
     mark: str,
     population: PopulationFit,
+    left_out: Mapping[str, str],
     not_used: Mapping[str, str],
     doubts: Mapping[str, tuple[str, ...]],
     misfit: Mapping[str, tuple[str, ...]],
@@ -101,6 +104,7 @@ def concluded(
         mark=mark,
         verdict=_verdict(population, findings, foreign, [*not_used]),
         history=tuple(history),
+        left_out=left_out,
         not_used=not_used,
         doubts=doubts,
         reasons=reasons,

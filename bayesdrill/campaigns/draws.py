@@ -6,15 +6,15 @@ density of that prior are all that the population needs of a run (Hogg, Myers an
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Indices
+from bayesdrill.campaigns.runs import CampaignRun
 
 MAX_DRAWS = 1000  # draws of a run that are used; more cost time and hardly change its weights
+MOST_ATTEMPTS = 3  # most times a run is sampled, each with another seed, until it converges
 
 
 def evenly_spaced(count: int) -> Indices:
@@ -23,55 +23,41 @@ def evenly_spaced(count: int) -> Indices:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class InterimDraws:
-    """A run has draws of its log products under its interim prior, and what was noted beside it.
+class FittedRun:
+    """A fitted run has draws under its interim prior, and reasons not to believe them.
 
-    name: the name of the run
-    rig: the name of the rig with which it was made
-    time: the time since the first run, None if it is not known [s]
-    noted: numbers that were noted beside the record, such as a temperature; NaN where missing
     log_products: draws `(S, K)` of the logarithms of the determined products
     log_interim: log density `(S,)` of the interim prior of these log products, up to a constant
+    reasons: reasons not to believe the draws
+    misfit: the reasons among them why its residuals are no noise
+    attempt: how often it was sampled
     """
 
-    name: str
-    rig: str
-    time: float | None
-    noted: Mapping[str, float]
     log_products: Array
     log_interim: Array
+    reasons: tuple[str, ...] = ()
+    misfit: tuple[str, ...] = ()
+    attempt: int = 1
+
+    @property
+    def usable(self) -> bool:
+        """Return whether there are draws; else nothing could be sampled."""
+        return len(self.log_interim) > 1
+
+    @property
+    def complete(self) -> bool:
+        """Return whether the run has draws that converged, or has been sampled often enough."""
+        sound = self.usable and len(self.reasons) == len(self.misfit)
+        return sound or self.attempt >= MOST_ATTEMPTS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignDraws:
-    """A campaign has K `products`, such as "k_s/j_1", and draws of each run.
-
-    Raises `ValueError`, with all faults at once, if names repeat or shapes and numbers are wrong.
-    """
+    """A campaign has K `products`, such as "k_s/j_1", and for each of its runs a fit with draws."""
 
     products: tuple[str, ...]
-    runs: tuple[InterimDraws, ...]
-
-    def __post_init__(self) -> None:
-        faults = [fault for run in self.runs for fault in self._faults(run)]
-        counts = Counter(run.name for run in self.runs)
-        repeated = [name for name, count in counts.items() if count > 1]
-        faults += [f"The name {name} stands for several runs." for name in repeated]
-        if not self.runs:
-            faults.append("A campaign needs at least one run.")
-        if faults:
-            raise ValueError(" ".join(faults))
-
-    def _faults(self, run: InterimDraws) -> list[str]:
-        faults = []
-        shape, wanted = run.log_products.shape, (len(run.log_interim), len(self.products))
-        if shape != wanted or len(run.log_interim) < 2:
-            faults.append(f"Run {run.name} has draws of shape {shape}, but needs {wanted}.")
-        elif not (np.isfinite(run.log_products).all() and np.isfinite(run.log_interim).all()):
-            faults.append(f"Run {run.name} has draws or interim densities that are not finite.")
-        if run.time is not None and not np.isfinite(run.time):
-            faults.append(f"Run {run.name} has the time {run.time}, which is not finite.")
-        return faults
+    runs: tuple[CampaignRun, ...]
+    fits: tuple[FittedRun, ...]
 
     @property
     def rigs(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Indices, StoredArray
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns.draws import CampaignDraws
-from bayesdrill.campaigns.mixture import RunArrays, describe, run_arrays
+from bayesdrill.campaigns.mixture import RunArrays, RunMixture, describe, run_arrays
 from bayesdrill.campaigns.outcomes import (
     NotedEffect,
     ProductPopulation,
@@ -22,13 +22,15 @@ from bayesdrill.campaigns.outcomes import (
     run_outcomes,
 )
 from bayesdrill.campaigns.population import PopulationSettings, sample_population, sds_of
-from bayesdrill.campaigns.time_study import LevelHistory, level_history
+from bayesdrill.campaigns.time_study import FOREIGN, FOREIGN_SD, LevelHistory, level_history
 from bayesdrill.sampling.convergence import Convergence
 
 MIN_RUNS = 3  # fewer runs say next to nothing about their spread
 MIN_TIMED_RUNS = 8  # fewer runs show no history
 MAX_ERROR = 0.05  # largest error of a run's mixture, in probability, that is believed
 NOTED_PRECISION = 0.1  # prior precision of a coefficient of a noted column, over that of the runs
+MAD_TO_SD = 1.4826  # sd of normal runs over their median absolute deviation
+SUSPICIOUS = 4.0  # sds from the median of its rig beyond which a run may be foreign
 ALARM = 0.05  # a constant level that is less probable than this raises an alarm
 
 
@@ -126,17 +128,19 @@ def fit_population(
     Raises
     ------
     ValueError
-        If there are too few runs, or a nominal value is of no product or not positive.
+        If there are too few runs.
     """
-    nominal = _log_nominal(draws, settings)
+    if len(draws.runs) < MIN_RUNS:
+        raise ValueError(f"A population needs at least {MIN_RUNS} runs, but has {len(draws.runs)}.")
     rigs, runs, products = draws.rigs, draws.runs, draws.products
     rig = np.array([rigs.index(run.rig) for run in runs])
     noted, missing, ignored = _noted(draws)
     precision = np.full(noted.shape[1], NOTED_PRECISION)
-    mixtures = [describe(run.log_products, run.log_interim) for run in runs]
+    mixtures = [describe(fit.log_products, fit.log_interim) for fit in draws.fits]
     plain = run_arrays(mixtures, rig, np.zeros((len(runs), len(products))), noted, precision)
+    mixtures = _contaminated(mixtures, rig)
     order = _order_of_time(draws)
-    histories = _histories(draws, plain, noted, order, settings.spread_scale)
+    histories = _histories(draws, plain, noted, order)
     offset, trends, extra_sd = _trends(histories, draws, order)
     design = np.column_stack([noted, trends])
     precision = np.append(precision, np.zeros(trends.shape[1]))
@@ -145,7 +149,7 @@ def fit_population(
     shift = extra_sd * rng.standard_normal(sampled.mean.shape)
     end = replace(sampled, mean=sampled.mean + shift, levels=sampled.levels + shift[:, None])
     ahead = np.column_stack([np.nan_to_num(noted), np.zeros_like(trends)])
-    populations = product_populations(end, products, nominal, ahead, rng)
+    populations = product_populations(end, products, settings.nominal, ahead, rng)
     labels = tuple((run.name, run.rig) for run in runs)
     errors = [mixture.error for mixture in mixtures]
     outcomes = run_outcomes(data, sampled, labels, products, offset, errors)
@@ -174,18 +178,31 @@ def fit_population(
     )
 
 
-def _log_nominal(draws: CampaignDraws, settings: PopulationSettings) -> dict[str, float]:
-    """Return the logs of the nominal values; raise `ValueError` for what cannot be fitted."""
-    faults = [
-        f"The nominal value {value} of {name} is not positive, or {name} is none of the products."
-        for name, value in settings.nominal.items()
-        if name not in draws.products or not value > 0
+def _contaminated(mixtures: Sequence[RunMixture], rig: Indices) -> list[RunMixture]:
+    """Let runs that are far from the median of their rig be foreign, with the prior `FOREIGN`.
+
+    A foreign run lies about its rig with a further variance in the products in which it is far.  So it
+    neither widens the spread of the others nor moves their centre.
+    """
+    mean = np.array([run.mean for run in mixtures])
+    for g in np.unique(rig):
+        mean[rig == g] -= np.median(mean[rig == g], axis=0)
+    spread = MAD_TO_SD * np.median(np.abs(mean), axis=0)
+    known = np.array([np.diagonal(run.covariance) for run in mixtures])
+    far = mean**2 > SUSPICIOUS**2 * (spread**2 + known)
+    return [
+        replace(
+            run,
+            log_weights=np.append(*(run.log_weights + np.log([[1.0 - FOREIGN], [FOREIGN]]))),
+            means=np.concatenate([run.means, run.means]),
+            covariances=np.concatenate(
+                [run.covariances, run.covariances + FOREIGN_SD**2 * np.diag(products)]
+            ),
+        )
+        if products.any()
+        else run
+        for run, products in zip(mixtures, far, strict=True)
     ]
-    if len(draws.runs) < MIN_RUNS:
-        faults.append(f"A population needs at least {MIN_RUNS} runs, but has {len(draws.runs)}.")
-    if faults:
-        raise ValueError(" ".join(faults))
-    return {name: float(np.log(value)) for name, value in settings.nominal.items()}
 
 
 def _noted(draws: CampaignDraws) -> tuple[Array, dict[str, int], tuple[str, ...]]:
@@ -212,7 +229,7 @@ def _order_of_time(draws: CampaignDraws) -> Indices:
 
 
 def _histories(
-    draws: CampaignDraws, data: RunArrays, noted: Array, order: Indices, spread_scale: float
+    draws: CampaignDraws, data: RunArrays, noted: Array, order: Indices
 ) -> tuple[LevelHistory, ...]:
     """Study each log product over time, with rigs and noted columns as regressors."""
     if len(order) == 0:
@@ -223,7 +240,7 @@ def _histories(
     regressors = np.column_stack([rigs, np.nan_to_num(noted)])[order]
     regressors = regressors[:, regressors.any(axis=0)]
     return tuple(
-        level_history(times, mean[order, k], covariance[order, k, k], regressors, spread_scale)
+        level_history(times, mean[order, k], covariance[order, k, k], regressors)
         for k in range(mean.shape[1])
     )
 

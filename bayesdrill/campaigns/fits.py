@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import batched
 from pathlib import Path
 from typing import Any
@@ -14,17 +13,23 @@ from typing import Any
 import numpy as np
 
 from bayesdrill import output_files
-from bayesdrill.analysis.identifiability.information import SensitivityStudy
-from bayesdrill.analysis.identifiability.study import study_of
+from bayesdrill.analysis.identifiability.information import (
+    Information,
+    SensitivityStudy,
+    simple_exponents,
+)
+from bayesdrill.analysis.identifiability.study import KnownProduct, products, study_of
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter, Silent
-from bayesdrill.campaigns.draws import evenly_spaced
+from bayesdrill.campaigns.draws import MOST_ATTEMPTS, FittedRun, evenly_spaced
 from bayesdrill.campaigns.interim_prior import log_density_of_products
-from bayesdrill.campaigns.records import run_job
+from bayesdrill.campaigns.records import digest_of, run_job
 from bayesdrill.campaigns.runs import CampaignPlan, CampaignRun
 from bayesdrill.config.job import Job
+from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.inference.posterior import Likelihood, Posterior
+from bayesdrill.inference.priors import prior_log_sd
 from bayesdrill.inference.residual_checks import residual_summaries
 from bayesdrill.output_files import DRAWS
 from bayesdrill.report.doubts import residual_reasons
@@ -39,7 +44,6 @@ from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 FORM = 1  # version of the files of draws
 SEARCHES = 3  # searches of a run: one from the reference, the others from draws of the prior
 WALKERS = 64  # most walkers of an ensemble; the wanted draws need no more
-MOST_ATTEMPTS = 3  # most times a run is sampled, each with another seed, until it converges
 BATCH = 200  # number of runs whose records are in memory at the same time
 INTERIM = "log_interim"
 BEYOND = "its draws are beyond the priors"
@@ -49,14 +53,15 @@ BEYOND = "its draws are beyond the priors"
 class Reference:
     """The reference of a campaign is the maximum of its base config.
 
-    Searches of all runs begin at its `values`.  `products` are those that it determines, with powers
-    `exponents` of the unknowns `names`.
+    Searches of all runs begin at its `values`.  `products` are those that its record determines without
+    priors, with powers `exponents` of the unknowns `names`.  `left_out` says why others are none.
     """
 
     names: tuple[str, ...]
     products: tuple[str, ...]
     exponents: tuple[tuple[int, ...], ...]
     values: Mapping[str, float]
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,32 +78,6 @@ class CheckedCampaign:
     marks: Mapping[str, str]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FittedRun:
-    """A fitted run has draws, as `InterimDraws` has them, and reasons not to believe them.
-
-    `misfit` are the reasons among them why its residuals are no noise, and `attempt` counts how often
-    it was sampled.
-    """
-
-    log_products: Array
-    log_interim: Array
-    reasons: tuple[str, ...]
-    misfit: tuple[str, ...] = ()
-    attempt: int = 1
-
-    @property
-    def usable(self) -> bool:
-        """Return whether there are draws; else nothing could be sampled."""
-        return len(self.log_interim) > 1
-
-    @property
-    def complete(self) -> bool:
-        """Return whether the run has draws that converged, or has been sampled often enough."""
-        sound = self.usable and len(self.reasons) == len(self.misfit)
-        return sound or self.attempt >= MOST_ATTEMPTS
-
-
 def find_reference(job: Job, crew: RefitExecutor) -> Reference:
     """Search the maximum of the base config, and say what it determines; raises `InputError`."""
     mode = crew.submit(search, job.problem.posterior, fit_plan(job)).result()
@@ -108,24 +87,50 @@ def find_reference(job: Job, crew: RefitExecutor) -> Reference:
     study = study_of(
         sensitivity, posterior, theta, job.config.identify, job.config.seed, "the maximum"
     )
-    exponents = tuple(each.exponents for each in study.products if each.word == "determined")
-    if not exponents:
+    prior_sd = np.array([parameter.prior_sd for parameter in study.parameters])
+    chosen = shown_products(study.information, prior_sd, job.config.identify)
+    if not chosen:
         message = "no product of parameters is determined by its record; see `bayesdrill identify`"
         raise InputError.at(str(job.source.path), message)
+    exponents = [each.exponents for each in chosen]
+    others = [
+        each
+        for each in study.products
+        if np.linalg.matrix_rank([*exponents, each.exponents]) > len(exponents)
+    ]
     return Reference(
         names=study.names,
         products=tuple(product(study.names, powers) for powers in exponents),
-        exponents=exponents,
+        exponents=tuple(exponents),
         values=mode.values,
+        left_out={product(study.names, each.exponents): _why_not(each) for each in others},
     )
+
+
+def shown_products(
+    information: Information, prior_sd: Array, settings: IdentifySpec
+) -> tuple[KnownProduct, ...]:
+    """Return independent products that the record determines without the priors of other unknowns.
+
+    Ends of these priors may narrow a product of which the record alone knows little.
+    """
+    simple = simple_exponents(len(prior_sd))
+    share = information.bounds_of(simple) / np.linalg.norm(simple * prior_sd, axis=1)
+    return products(information, prior_sd, simple[share < settings.determined], settings)
+
+
+def _why_not(known: KnownProduct) -> str:
+    """Return why a product is left out of the population."""
+    if not np.isfinite(known.bound):
+        return "no such record shows it, so all that is known of it are priors"
+    alone, prior = (f"{100 * sd:.2g} %" for sd in (known.bound, known.prior_sd))
+    return f"the base record alone knows it to {alone}, and the priors to {prior}"
 
 
 def seed_of(plan: CampaignPlan, run: CampaignRun, attempt: int = 1) -> int:
     """Return the seed of a run, which follows from its name, the campaign's seed, and the attempt."""
     again = f" {attempt}" if attempt > 1 else ""
-    text = f"{plan.spec.seed} {run.name}{again}"
-    digest = hashlib.sha256(text.encode("utf-8", "replace")).digest()
-    return int.from_bytes(digest[:8])
+    return int(digest_of(f"{plan.spec.seed} {run.name}{again}"), 16)
 
 
 def run_plan(plan: CampaignPlan, run: CampaignRun, job: Job, attempt: int = 1) -> FitPlan:
@@ -246,12 +251,9 @@ def fit_runs(
 
 
 def draws_marks(digests: Mapping[str, str], reference: Reference) -> dict[str, str]:
-    """Return, for each run, a digest of all that decides its draws; see `records.digest_of`."""
+    """Return, for each run, a digest of all that decides its draws; see `records.run_digest`."""
     known = json.dumps(asdict(reference), sort_keys=True)
-    return {
-        name: hashlib.sha256(f"{digest} {known}".encode()).hexdigest()[:16]
-        for name, digest in digests.items()
-    }
+    return {name: digest_of(f"{digest} {known}") for name, digest in digests.items()}
 
 
 def path_of(folder: Path, name: str) -> Path:
@@ -261,7 +263,7 @@ def path_of(folder: Path, name: str) -> Path:
 
 def number_of(name: str) -> int:
     """Return the number that stands for a run in the names of its files, a digest of its name."""
-    return int.from_bytes(hashlib.sha256(name.encode("utf-8", "replace")).digest()[:7])
+    return int(digest_of(name)[:14], 16)
 
 
 def write_draws(
@@ -320,3 +322,51 @@ def kept_draws(campaign: CheckedCampaign, folder: Path) -> Iterator[tuple[Campai
         fitted = None if mark is None else read_draws(folder, run.name, mark)
         if fitted is not None:
             yield run, fitted
+
+
+def determined_products(
+    campaign: CheckedCampaign, fitted: Mapping[str, FittedRun]
+) -> tuple[CheckedCampaign, Mapping[str, FittedRun]]:
+    """Return the campaign with those products that most runs determine, and the runs' draws of them.
+
+    A run determines a product if its draws are narrower than the prior by the share of `identify:`.
+    Draws of fewer products have another interim prior, which is integrated over the others.
+    Raises `InputError` if no product remains.
+    """
+    reference, job = campaign.reference, campaign.job
+    powers, priors = np.array(reference.exponents, dtype=float), job.problem.posterior.space.priors
+    before = powers * [prior_log_sd(priors[name]) for name in reference.names]
+    limits = job.config.identify.determined * np.linalg.norm(before, axis=1)
+    counts = sum((run.log_products.std(axis=0) < limits).astype(int) for run in fitted.values())
+    kept = [k for k, count in enumerate(counts) if 2 * count > len(fitted)]
+    if len(kept) == len(powers):
+        return campaign, fitted
+    few = {
+        reference.products[k]: f"only {count} of {len(fitted)} runs determine it"
+        for k, count in enumerate(counts)
+        if k not in kept
+    }
+    if not kept:
+        message = f"most runs determine none of the products {', '.join(few)}"
+        raise InputError.at(str(job.source.path), f"{message}; leave out those runs")
+    draws = dict[str, FittedRun]()
+    for run in campaign.plan.runs:
+        if run.name in fitted:
+            each = run_job(campaign.plan, run) if run.changes else job
+            priors, logs = (
+                each.problem.posterior.space.priors,
+                fitted[run.name].log_products[:, kept],
+            )
+            known = [priors[name] for name in reference.names]
+            density = log_density_of_products(logs, powers[kept], known)
+            sure = np.isfinite(density)
+            draws[run.name] = replace(
+                fitted[run.name], log_products=logs[sure], log_interim=density[sure]
+            )
+    reduced = replace(
+        reference,
+        products=tuple(reference.products[k] for k in kept),
+        exponents=tuple(reference.exponents[k] for k in kept),
+        left_out={**reference.left_out, **few},
+    )
+    return replace(campaign, reference=reduced), draws

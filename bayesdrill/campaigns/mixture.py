@@ -50,7 +50,7 @@ class RunMixture:
 
 
 def describe(draws: Array, log_interim: Array) -> RunMixture:
-    """Return the mixture that describes a run with these draws; see `InterimDraws`."""
+    """Return the mixture that describes a run with these draws; see `FittedRun`."""
     weights = normalised(-log_interim)
     mean = weights @ draws
     centred = draws - mean

@@ -7,7 +7,7 @@ it is the standard deviation.  A few foreign runs hardly change it, because they
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ import scipy
 
 from bayesdrill.basics.arrays import Array, StoredArray
 from bayesdrill.campaigns.mixture import RunArrays
-from bayesdrill.campaigns.population import PopulationDraws, sds_of
+from bayesdrill.campaigns.population import NominalRange, PopulationDraws, sds_of
 
 SAME_RUNS = 0.05  # a nominal value agrees if more than this share of runs is as far out
 FALSE_OUTLIERS = 0.01  # expected number of runs of a sound campaign that are called outliers
@@ -36,29 +36,23 @@ class Estimate:
 
 def estimate(draws: Array) -> Estimate:
     """Return the estimate of a number from its draws."""
-    ends = map(float, np.quantile(draws, [0.05, 0.25, 0.75, 0.95]))
-    low_90, low_50, high_50, high_90 = ends
-    return Estimate(
-        mean=float(draws.mean()),
-        sd=float(draws.std()),
-        low_90=low_90,
-        low_50=low_50,
-        high_50=high_50,
-        high_90=high_90,
-    )
+    names = ("low_90", "low_50", "high_50", "high_90")
+    ends = dict(zip(names, np.quantile(draws, [0.05, 0.25, 0.75, 0.95]).tolist(), strict=True))
+    return Estimate(mean=float(draws.mean()), sd=float(draws.std()), **ends)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableComparison:
     """The nominal value of a product is compared with the population.
 
-    nominal: logarithm of the nominal value
+    nominal: logarithm of the nominal value, and its tolerance
     offset: the centre of the population minus the nominal value
-    probability: probability that another run is as far from the median run as the nominal value
-    agrees: whether `probability` is so large that the nominal value may be that of a run
+    probability: probability that another run is as far from the median run as the nearest value within
+        the tolerance
+    agrees: whether `probability` is so large that such a value may be that of a run
     """
 
-    nominal: float
+    nominal: NominalRange
     offset: Estimate
     probability: float
     agrees: bool
@@ -164,11 +158,11 @@ def next_runs(
 def product_populations(
     draws: PopulationDraws,
     products: tuple[str, ...],
-    nominal: dict[str, float],
+    nominal: Mapping[str, NominalRange],
     design: Array,
     rng: np.random.Generator,
 ) -> tuple[ProductPopulation, ...]:
-    """Describe the population of each log product; `nominal` has logs of nominal values by name."""
+    """Describe the population of each log product; `nominal` has nominal values by name."""
     several = bool(draws.rig_covariance.any())
     start, rig_spread = draws.mean, np.zeros_like(draws.mean)
     if several:
@@ -193,12 +187,13 @@ def product_populations(
     )
 
 
-def _compare(nominal: float, centres: Array, following: Array) -> TableComparison:
+def _compare(nominal: NominalRange, centres: Array, following: Array) -> TableComparison:
     middle = np.median(following)
-    probability = float((np.abs(following - middle) >= abs(nominal - middle)).mean())
+    away = abs(np.clip(middle, nominal.low, nominal.high) - middle)
+    probability = float((np.abs(following - middle) >= away).mean())
     return TableComparison(
         nominal=nominal,
-        offset=estimate(centres - nominal),
+        offset=estimate(centres - nominal.value),
         probability=probability,
         agrees=probability > SAME_RUNS,
     )

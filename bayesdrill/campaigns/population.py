@@ -32,11 +32,20 @@ MOST_STATES = 2000  # states of a chain that are kept; of more, every other one 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class NominalRange:
+    """The logarithm of a nominal value has a tolerance, from `low` to `high`."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PopulationSettings:
     """A population is fitted with these settings.
 
     spread_scale: scale of the half-t prior (two degrees of freedom) of all spreads, in logs
-    nominal: nominal values of products by name, none if they are not to be compared
+    nominal: logs of nominal values of products by name, none if they are not to be compared
     targets: targets at which the sampler stops
     max_sweeps: most sweeps of each chain
     chains: number of chains
@@ -44,7 +53,7 @@ class PopulationSettings:
     """
 
     spread_scale: float = 0.1
-    nominal: Mapping[str, float] = field(default_factory=dict)
+    nominal: Mapping[str, NominalRange] = field(default_factory=dict)
     targets: Targets = field(default_factory=lambda: Targets(r_hat=1.01, n_tau=50.0, ess=400.0))
     max_sweeps: int = 20_000
     chains: int = 4

@@ -128,7 +128,7 @@ def check_runs(
                 continue
             experiment = made.problem.experiment
             sds = dict(zip(experiment.names, np.nanstd(experiment.y, axis=0).tolist(), strict=True))
-            digest, unknowns = digest_of(plan, made), made.problem.names
+            digest, unknowns = run_digest(plan, made), made.problem.names
             records[run.name] = KnownRecord(stamp, digest, unknowns, sds)
         good.append(run.name)
     report.update(1.0, "")
@@ -151,10 +151,14 @@ def stamp_of(path: Path) -> tuple[int, ...]:
     return status.st_size, status.st_mtime_ns, status.st_dev, status.st_ino
 
 
-def digest_of(plan: CampaignPlan, job: Job) -> str:
+def run_digest(plan: CampaignPlan, job: Job) -> str:
     """Return a digest of all that decides the draws of a run, beside the reference."""
     marks = provenance.fingerprint(job.config, job.problem)
-    text = repr((sorted(marks.items()), plan.spec.seed, plan.spec.effort))
+    return digest_of(repr((sorted(marks.items()), plan.spec.seed, plan.spec.effort)))
+
+
+def digest_of(text: str) -> str:
+    """Return a digest of 16 hexadecimal digits."""
     return hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()[:16]
 
 

@@ -151,18 +151,7 @@ def _listed(source: Source, spec: CampaignSpec, issues: list[Issue]) -> Listed:
                 )
                 issues.append(source.issue(("runs", k, "noted", name), message))
         return [
-            (
-                CampaignRun(
-                    name=run.name or Path(run.file).stem,
-                    path=folder / run.file,
-                    rig=run.rig,
-                    noted={
-                        n: math.nan if (x := run.noted.get(n)) is None else x for n in spec.noted
-                    },
-                    place=source.issue(("runs", k), "").place,
-                ),
-                run.time,
-            )
+            _run(dict(run), run.noted, spec, folder, source.issue(("runs", k), "").place, issues)
             for k, run in enumerate(runs)
         ]
     if not glob.has_magic(runs):
@@ -205,15 +194,28 @@ def _table_rows(path: Path, spec: CampaignSpec, issues: list[Issue]) -> Listed:
             message = "its file has a NUL in its name" if file else "names no file"
             issues.append(Issue(place, message))
             continue
-        run = CampaignRun(
-            name=str(known.get("name") or Path(file).stem),
-            path=folder / file,
-            rig=str(known.get("rig") or ""),
-            noted={name: _number(known[name], name, place, issues) for name in spec.noted},
-            place=place,
-        )
-        rows.append((run, known.get("time")))
+        rows.append(_run(known, known, spec, folder, place, issues))
     return rows
+
+
+def _run(
+    known: Mapping[str, Any],
+    noted: Mapping[str, Any],
+    spec: CampaignSpec,
+    folder: Path,
+    place: str,
+    issues: list[Issue],
+) -> tuple[CampaignRun, Any]:
+    """Return the run of a row or an entry, and its time as it is written."""
+    file = str(known["file"])
+    run = CampaignRun(
+        name=str(known.get("name") or Path(file).stem),
+        path=folder / file,
+        rig=str(known.get("rig") or ""),
+        noted={name: _number(noted.get(name), name, place, issues) for name in spec.noted},
+        place=place,
+    )
+    return run, known.get("time")
 
 
 def _csv(path: Path) -> tuple[list[str], Sequence[NumberedRow]]:

@@ -8,6 +8,7 @@ from bayesdrill.analysis.causes import Causes
 from bayesdrill.campaigns.conclusion import MOST_NAMED, CampaignRecord, percent, with_sd
 from bayesdrill.campaigns.fit import PopulationFit
 from bayesdrill.campaigns.outcomes import Estimate, ProductPopulation, RunOutcome
+from bayesdrill.campaigns.population import NominalRange
 from bayesdrill.report.section import (
     Badge,
     Badges,
@@ -34,6 +35,12 @@ def _following(ahead: Estimate) -> dict[str, str]:
     return {"next run, 90 %": f"{np.exp(ahead.low_90):.4g} to {np.exp(ahead.high_90):.4g}"}
 
 
+def _tolerance(nominal: NominalRange) -> str:
+    """Return the ends of a tolerance in percent of the nominal value; empty without one."""
+    ends = (percent(end - nominal.value) for end in (nominal.low, nominal.high))
+    return "" if nominal.low == nominal.high else " to ".join(ends)
+
+
 def products_table(population: PopulationFit) -> Table:
     """Return the table of products: their population, the next run, and the nominal value."""
 
@@ -46,7 +53,8 @@ def products_table(population: PopulationFit) -> Table:
             "runs differ by": f"{100 * p.spread.mean:.2g} %",
             "rigs differ by": "" if p.rig_spread is None else f"{100 * p.rig_spread.mean:.2g} %",
             **_following(p.next_run),
-            "nominal": "" if table is None else f"{np.exp(table.nominal):.4g}",
+            "nominal": "" if table is None else f"{np.exp(table.nominal.value):.4g}",
+            "tolerance": "" if table is None else _tolerance(table.nominal),
             "nominal is off": "" if table is None else percent(-table.offset.mean),
             "verdict": says,
         }
@@ -82,7 +90,8 @@ def rigs_table(population: PopulationFit) -> Table | None:
 TABLE_EXPLAINED = (
     "All in SI. `centre` is the level of the rig at the end of the campaign, at average noted numbers. "
     "`runs differ by` is half the width of the central 68 % of runs. The next run lies in its interval "
-    "with a probability of 90 %. A nominal value agrees if more than 5 % of runs are as far off."
+    "with a probability of 90 %. A nominal value agrees if more than 5 % of runs are as far off as the "
+    "nearest value within its tolerance."
 )
 CHART = (
     "Each run by itself (bars: one standard deviation) and shrunk towards the others (dots), relative "
@@ -106,11 +115,13 @@ def campaign_sections(
     foreign = [alarm.sentence for alarm in record.outliers]
     bad = [f"{name}: {reason}" for name, reason in record.not_used.items()]
     weak = [f"{name}: {reasons[0]}" for name, reasons in record.doubts.items()]
+    left_out = [f"{name}: {reason}" for name, reason in record.left_out.items()]
     badges, verdict = Badges((Badge(badge, tone),)), f"{record.verdict}."
     sections = (
         build("Verdict", badges, verdict, warning if doubts else None),
         build("Over time", "\n".join(record.history), Picture("runs", CHART, ending, links)),
         build("Products", products_table(population), Note(TABLE_EXPLAINED), coverage),
+        build("Products that are left out", _lines(left_out), brief=False),
         build("Runs that do not belong", _lines(foreign[:MOST_NAMED]), brief=bool(foreign)),
         build("Noted", noted_table(population), brief=False),
         build("Rigs", rigs_table(population), brief=False),
@@ -141,7 +152,9 @@ def population_csv(population: PopulationFit) -> str:
                 "next_low_50": ahead.low_50,
                 "next_high_50": ahead.high_50,
                 "next_high_90": ahead.high_90,
-                "nominal": table and table.nominal,
+                "nominal": table and table.nominal.value,
+                "tolerance_low": table and table.nominal.low,
+                "tolerance_high": table and table.nominal.high,
                 "agrees": table and table.agrees,
                 "history": history and history.best,
                 "probability": history and history.probabilities[history.best],

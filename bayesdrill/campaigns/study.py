@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.basics import seeds, software
@@ -18,11 +16,11 @@ from bayesdrill.basics.json_records import as_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns import fits, pages
 from bayesdrill.campaigns.conclusion import CampaignRecord, concluded
-from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
-from bayesdrill.campaigns.fit import MIN_RUNS, PopulationFit, fit_population
+from bayesdrill.campaigns.draws import CampaignDraws
+from bayesdrill.campaigns.fit import MIN_RUNS, fit_population
 from bayesdrill.campaigns.fits import CheckedCampaign, Reference
-from bayesdrill.campaigns.population import PopulationSettings
-from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs
+from bayesdrill.campaigns.population import NominalRange, PopulationSettings
+from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs, digest_of
 from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan, describe_plan
 from bayesdrill.config.job import Job
 from bayesdrill.output_files import CAMPAIGN, DRAWS
@@ -32,7 +30,7 @@ from bayesdrill.results.run_folder import VERSION_OF, Folder, WriteMode, dump_re
 from bayesdrill.tasks.remote import RefitExecutor
 
 REFERENCE, RECORD = "reference.json", "campaign.json"
-FORM = 1  # version of both files
+FORM = 2  # version of both files
 OUTLIERS = "outliers"  # stands for all outliers in `--page`
 
 
@@ -106,7 +104,7 @@ def _need_parquet(plan: CampaignPlan) -> None:
 
 def _marks(plan: CampaignPlan) -> dict[str, str]:
     """Return what decides the draws of all runs, by name; runs may be added, changed or left out."""
-    base = hashlib.sha256(repr(plan.base.data).encode("utf-8", "replace")).hexdigest()[:12]
+    base = digest_of(repr(plan.base.data))
     versions = {f"{VERSION_OF}{name}": x for name, x in software.installed_versions().items()}
     settings = {"the seed": str(plan.spec.seed), "effort": str(plan.spec.effort)}
     return {"the base config": base, **settings, **versions}
@@ -134,29 +132,29 @@ def _publish(
 ) -> CampaignOutcome:
     """Sample the population of the fitted runs, and write all tables and pages."""
     plan, marks = campaign.plan, campaign.marks
-    kept = list(fits.kept_draws(campaign, folder.path))
-    used = [(run, fitted) for run, fitted in kept if fitted.usable]
-    runs = tuple(
-        InterimDraws(
-            name=run.name,
-            rig=run.rig,
-            time=run.time,
-            noted=run.noted,
-            log_products=fitted.log_products,
-            log_interim=fitted.log_interim,
-        )
-        for run, fitted in used
-    )
+    kept = {run.name: fitted for run, fitted in fits.kept_draws(campaign, folder.path)}
     not_used = {
-        run.name: (*fitted.reasons, fits.BEYOND)[0] for run, fitted in kept if not fitted.usable
+        name: (*fitted.reasons, fits.BEYOND)[0]
+        for name, fitted in kept.items()
+        if not fitted.usable
     }
-    if len(runs) < MIN_RUNS:
-        raise _too_few(plan, len(runs), [*itertools.starmap(Issue, not_used.items()), *problems])
-    draws = CampaignDraws(products=campaign.reference.products, runs=runs)
+    usable = {name: fitted for name, fitted in kept.items() if name not in not_used}
+    if len(usable) < MIN_RUNS:
+        raise _too_few(plan, len(usable), [*itertools.starmap(Issue, not_used.items()), *problems])
+    campaign, fitted_runs = fits.determined_products(campaign, usable)
+    used = [(run, fitted_runs[run.name]) for run in plan.runs if run.name in usable]
+    runs, fitted = zip(*used, strict=True)
+    draws = CampaignDraws(products=campaign.reference.products, runs=runs, fits=fitted)
     settings = PopulationSettings(nominal=_nominal(campaign.job, campaign.reference))
-    mark = _population_mark(draws, settings, plan.spec.seed)
-    population = _kept_population(folder.path, mark)
-    if population is None:
+    decisive = [
+        (run.name, run.rig, run.time, dict(run.noted), marks[run.name], each.attempt)
+        for run, each in used
+    ]
+    mark = digest_of(repr((draws.products, settings, plan.spec.seed, decisive)))
+    before = kept_record(folder.path)
+    if before is not None and before.mark == mark:
+        population = before.population
+    else:
         rng = seeds.stream(plan.spec.seed, "campaign", 1)
         population = fit_population(draws, settings, rng, report)
     outcomes = {outcome.name: outcome for outcome in population.runs}
@@ -172,7 +170,10 @@ def _publish(
         {run.name: each for run, fitted in used if (each := getattr(fitted, name))}
         for name in ("reasons", "misfit")
     )
-    record = concluded(plan.spec.name, mark, population, not_used, doubts, misfit, reasons)
+    left_out = campaign.reference.left_out
+    record = concluded(
+        plan.spec.name, mark, population, left_out, not_used, doubts, misfit, reasons
+    )
     pages.write_campaign(campaign, record, folder)
     folder.write_text(RECORD, output_files.dumps_checksummed({"form": FORM, **as_data(record)}))
     folder.write_run(status="finished", files=folder.digests())
@@ -187,28 +188,17 @@ def kept_record(folder: Path) -> CampaignRecord | None:
     return None
 
 
-def _kept_population(folder: Path, mark: str) -> PopulationFit | None:
-    """Return the population of earlier results if all that decides it is as it was."""
-    record = kept_record(folder)
-    return None if record is None or record.mark != mark else record.population
-
-
-def _population_mark(draws: CampaignDraws, settings: PopulationSettings, seed: int) -> str:
-    """Return a digest of all that decides a population, beside the versions of the software."""
-    digest = hashlib.sha256(repr((draws.products, settings, seed)).encode())
-    for run in draws.runs:
-        about = repr((run.name, run.rig, run.time, dict(run.noted), run.log_products.shape))
-        digest.update(about.encode("utf-8", "replace"))
-        for numbers in (run.log_products, run.log_interim):
-            digest.update(np.ascontiguousarray(numbers))
-    return digest.hexdigest()[:16]
-
-
-def _nominal(job: Job, reference: Reference) -> dict[str, float]:
-    """Return the nominal values of those products whose parameters all have one."""
-    values, products = job.problem.nominal, dict[str, float]()
+def _nominal(job: Job, reference: Reference) -> dict[str, NominalRange]:
+    """Return logs of nominal values and tolerances of products whose parameters all have a value."""
+    problem, products = job.problem, dict[str, NominalRange]()
     for name, exponents in zip(reference.products, reference.exponents, strict=True):
         powers = {n: e for n, e in zip(reference.names, exponents, strict=True) if e}
-        if powers.keys() <= values.keys():
-            products[name] = float(np.prod([values[n] ** e for n, e in powers.items()]))
+        if powers.keys() <= problem.nominal.keys():
+            value = sum(e * math.log(problem.nominal[n]) for n, e in powers.items())
+            ends = [
+                sorted(e * math.log1p(sign * problem.tolerance.get(n, 0.0)) for sign in (-1, 1))
+                for n, e in powers.items()
+            ]
+            low, high = (value + sum(each) for each in zip(*ends, strict=True))
+            products[name] = NominalRange(value=value, low=low, high=high)
     return products

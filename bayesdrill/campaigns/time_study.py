@@ -34,6 +34,8 @@ PRIOR_OF_ANOTHER = 0.1  # prior probability of a change beside those before
 ANOTHER_PROBABILITY = 0.9  # posterior probability with which a further change is accepted
 MAX_CHANGES = 10
 HALF_T_FREEDOM = 2.0  # degrees of freedom of the prior of s, as for the population's sds
+# Scale of that prior.  With 0.1 a wide spread explains a change and a foreign run of 15 % together.
+SPREAD_SCALE = 0.03
 SMALLEST_SPREAD = 1e-5  # s is not resolved below this, so that sums keep their digits
 REGRESSOR_SD = 10.0  # prior sd of coefficients of regressors
 MIN_SPREADS, MAX_SPREADS = 12, 40  # values of s on its grid, whose steps follow its uncertainty
@@ -166,15 +168,12 @@ def _fit(y: Array, h: Array, variance: Array, prior_sd: Array) -> _LinearFit:
     return _LinearFit(log_evidence=evidence, mean=mean, precision=precision)
 
 
-def level_history(
-    t: Array, y: Array, variance: Array, regressors: Array, spread_scale: float
-) -> LevelHistory:
+def level_history(t: Array, y: Array, variance: Array, regressors: Array) -> LevelHistory:
     """Study the level of estimates `y (R,)` with `variance (R,)` at times `t (R,)` in order.
 
-    `regressors (R, p)` must span the constant.  The spread s over runs has a half-t prior with two
-    degrees of freedom and the scale `spread_scale`.
+    `regressors (R, p)` must span the constant.
     """
-    series = _series(t, y, variance, regressors, spread_scale)
+    series = _series(t, y, variance, regressors)
     constant = _fit(series.y, series.h, series.variance, series.prior_sd).log_evidence
     log_constant = _log_sum(constant + series.log_prior)
     ramped = series.with_column(ramp(t))
@@ -207,7 +206,7 @@ def level_history(
     )
 
 
-def _series(t: Array, y: Array, c: Array, h: Array, spread_scale: float) -> _Series:
+def _series(t: Array, y: Array, c: Array, h: Array) -> _Series:
     """Make the grid of s and of the sets of foreign runs that matter to any description."""
     residuals = y - h @ np.linalg.lstsq(h, y, rcond=None)[0]
     deviation = np.minimum(_distance(residuals), _distance(residuals[::-1])[::-1])
@@ -218,7 +217,7 @@ def _series(t: Array, y: Array, c: Array, h: Array, spread_scale: float) -> _Ser
     total = np.geomspace(low, high, count + 1) ** 2
     ends = np.sqrt(np.maximum(total - known**2, 0.0))
     ends[0] = 0.0
-    x = ends / spread_scale
+    x = ends / SPREAD_SCALE
     mass = np.diff(x / np.sqrt(HALF_T_FREEDOM + x**2))
     s = 0.5 * (ends[1:] + ends[:-1])[mass > 0]
     log_mass, prior_sd = np.log(mass[mass > 0]), np.full(h.shape[1], REGRESSOR_SD)

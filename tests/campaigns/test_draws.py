@@ -1,41 +1,19 @@
-"""A campaign accepts sound draws of its runs, and names what is wrong with others."""
+"""Draws of a campaign: its rigs, noted columns, and how many draws are kept."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
-import pytest
 
-from bayesdrill.campaigns.draws import MAX_DRAWS, CampaignDraws, InterimDraws, evenly_spaced
-
-
-def run(name: str, shape: tuple[int, int] = (10, 2), **changes: object) -> InterimDraws:
-    fields = {"rig": "a", "time": None, "noted": {}}
-    fields |= {"log_products": np.zeros(shape), "log_interim": np.zeros(shape[0])}
-    return InterimDraws(name=name, **(fields | changes))  # type: ignore[arg-type]
-
-
-def test_all_faults_of_all_runs_are_named_at_once() -> None:
-    runs = (
-        run("first"),
-        run("first"),
-        run("narrow", (10, 1)),
-        run("odd", log_interim=np.full(10, np.nan)),
-        run("late", time=np.inf),
-    )
-    with pytest.raises(ValueError, match="narrow") as raised:
-        CampaignDraws(products=("k_s/j_1", "c_m/j_1"), runs=runs)
-    assert all(word in str(raised.value) for word in ("first", "odd", "late", "(10, 1)"))
-    with pytest.raises(ValueError, match="at least one run"):
-        CampaignDraws(products=("k_s",), runs=())
+from bayesdrill.campaigns.draws import MAX_DRAWS, CampaignDraws, evenly_spaced
+from bayesdrill.campaigns.runs import CampaignRun
 
 
 def test_rigs_and_noted_columns_keep_their_order() -> None:
-    runs = (
-        run("1", rig="b", noted={"load": 1.0}),
-        run("2", noted={"heat": 1.0}),
-        run("3", rig="b"),
-    )
-    campaign = CampaignDraws(products=("k_s", "c_m"), runs=runs)
+    first = CampaignRun(name="1", path=Path("1.csv"), rig="b", noted={"load": 1.0})
+    second = CampaignRun(name="2", path=Path("2.csv"), rig="a", noted={"heat": 1.0})
+    campaign = CampaignDraws(products=("k_s", "c_m"), runs=(first, second, first), fits=())
     assert campaign.rigs == ("b", "a")
     assert campaign.noted == ("load", "heat")
 

@@ -9,11 +9,14 @@ import pytest
 from support import campaigns
 from support.command_line import assert_refused, cli
 
+from bayesdrill.analysis.identifiability.information import Information
 from bayesdrill.basics.errors import Issue
 from bayesdrill.basics.progress import SILENT, Silent
 from bayesdrill.campaigns import fits, records
-from bayesdrill.campaigns.fits import CheckedCampaign, FittedRun, Reference
+from bayesdrill.campaigns.draws import FittedRun
+from bayesdrill.campaigns.fits import CheckedCampaign, Reference
 from bayesdrill.campaigns.runs import CampaignPlan, read_plan
+from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.fit import FitPlan
 from bayesdrill.sampling.proposal.learning import NoSupportError
@@ -131,6 +134,41 @@ def test_a_failed_run_is_sampled_again_with_another_seed_until_it_has_been_tried
     kept = {run.name: fitted for run, fitted in fits.kept_draws(campaign, tmp_path)}
     assert (kept["run_1"].attempt, kept["run_1"].usable) == (3, False)
     assert (kept["run_2"].attempt, kept["run_2"].reasons) == (3, ())
+
+
+def test_a_product_that_only_the_prior_of_another_unknown_narrows_is_none_of_the_population() -> (
+    None
+):
+    """Kills the mutant that takes `x`: the record knows `x^2 y`, and the prior of `y` does the rest."""
+    record = Information(("x", "y"), np.array([[1000.0, 500.0], [0.0, 0.1]]))
+    prior_sd = np.array([0.6, 0.2])
+    by_prior = record.with_priors(prior_sd).bound(np.array([1.0, 0.0]))
+    assert by_prior < 0.2 * prior_sd[0] < record.bound(np.array([1.0, 0.0]))
+    shown = fits.shown_products(record, prior_sd, IdentifySpec())
+    assert [product.exponents for product in shown] == [(2, 1)]
+
+
+def test_a_product_that_few_runs_determine_is_left_out_with_its_prior(plan: CampaignPlan) -> None:
+    rng, digests = np.random.default_rng(3), records.check_runs(plan, SILENT)[0]
+    job = records.base_job(plan, digests)
+    campaign = CheckedCampaign(plan=plan, job=job, reference=REFERENCE, marks={})
+    narrow = np.log([0.06, 0.0283 / 0.06]) + 0.01 * rng.standard_normal((200, 2))
+    draws = {
+        run.name: FittedRun(
+            log_products=narrow + [0.0, 2.0 * k] * rng.standard_normal((200, 2)),
+            log_interim=np.full(200, 7.0),
+            reasons=(),
+        )
+        for k, run in enumerate(plan.runs)
+    }
+    reduced, kept = fits.determined_products(campaign, draws)
+    assert reduced.reference.products == ("k_e",)
+    assert reduced.reference.left_out == {"j_1/k_e": "only 1 of 6 runs determine it"}
+    logs = kept["run_1"].log_products
+    expected = job.problem.posterior.space.priors["k_e"].logpdf(np.exp(logs[:, 0])) + logs[:, 0]
+    assert np.allclose(kept["run_1"].log_interim, expected)
+    same = dict.fromkeys(draws, draws["run_1"])
+    assert fits.determined_products(campaign, same)[0] is campaign
 
 
 def test_a_search_begins_at_the_reference_where_the_priors_allow_it(plan: CampaignPlan) -> None:

@@ -14,6 +14,7 @@ from bayesdrill.basics.progress import SILENT
 from bayesdrill.campaigns import outcomes
 from bayesdrill.campaigns.mixture import RunArrays, describe, run_arrays
 from bayesdrill.campaigns.population import (
+    NominalRange,
     PopulationDraws,
     PopulationSettings,
     sample_population,
@@ -85,7 +86,10 @@ def test_next_runs_of_a_known_population_have_its_t_distribution(nu: float) -> N
 
 def test_a_table_is_compared_with_the_runs_and_not_with_their_mean() -> None:
     rng, sds = np.random.default_rng(4), np.sqrt(np.diag(COVARIANCE))
-    nominal = {PRODUCTS[0]: MEAN[0] + 1.5 * sds[0], PRODUCTS[1]: MEAN[1] - 2.5 * sds[1]}
+    values = MEAN[0] + 1.5 * sds[0], MEAN[1] - 2.5 * sds[1]
+    nominal = {
+        name: NominalRange(value=x, low=x, high=x) for name, x in zip(PRODUCTS, values, strict=True)
+    }
     first, second = outcomes.product_populations(
         known_population(200.0), PRODUCTS, nominal, np.zeros((2, 0)), rng
     )
@@ -97,6 +101,22 @@ def test_a_table_is_compared_with_the_runs_and_not_with_their_mean() -> None:
     assert first.table.offset.mean == pytest.approx(-1.5 * sds[0])
     assert first.spread.mean == pytest.approx(sds[0], rel=0.01)
     assert first.rig_spread is None
+
+
+def test_a_nominal_value_is_off_by_its_distance_beyond_the_tolerance() -> None:
+    sd, x = float(np.sqrt(COVARIANCE[0, 0])), MEAN[0]
+    nominal = NominalRange(value=x + 2.5 * sd, low=x + 1.5 * sd, high=x + 3.5 * sd)
+    table = outcomes.product_populations(
+        known_population(200.0),
+        PRODUCTS,
+        {PRODUCTS[0]: nominal},
+        np.zeros((2, 0)),
+        np.random.default_rng(4),
+    )[0].table
+    assert table is not None
+    assert table.agrees
+    assert table.probability == pytest.approx(2 * stats.norm.sf(1.5), abs=0.01)
+    assert table.offset.mean == pytest.approx(-2.5 * sd)
 
 
 def test_a_run_is_an_outlier_by_the_chi_square_of_its_distance() -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
+from bayesdrill.campaigns.draws import CampaignDraws, FittedRun
+from bayesdrill.campaigns.runs import CampaignRun
 from bayesdrill.sampling.convergence import Targets
 
 BRIEF = Targets(r_hat=1.03, n_tau=15.0, ess=150.0)  # for tests that need no exact tails
@@ -25,20 +27,21 @@ class SimulatedRuns:
     def draws(self, rng: np.random.Generator, count: int = 200) -> CampaignDraws:
         """Draw estimates, and posteriors under a normal interim prior that is wider by far."""
         (n_runs, n_products), noted = self.z.shape, self.noted or {}
-        runs = []
+        runs, fits = [], []
         for r in range(n_runs):
             estimate = self.z[r] + self.sd[r] * rng.standard_normal(n_products)
             log_products, log_interim = interim_posterior(estimate, self.sd[r], rng, count)
-            run = InterimDraws(
+            run = CampaignRun(
                 name=f"run {r}",
+                path=Path(f"run_{r}.csv"),
                 rig=self.rigs[r] if self.rigs else "rig",
                 time=None if self.hours is None else 3600.0 * self.hours[r],
                 noted={name: float(column[r]) for name, column in noted.items()},
-                log_products=log_products,
-                log_interim=log_interim,
             )
             runs.append(run)
-        return CampaignDraws(products=tuple(f"p{k}" for k in range(n_products)), runs=tuple(runs))
+            fits.append(FittedRun(log_products=log_products, log_interim=log_interim))
+        products = tuple(f"p{k}" for k in range(n_products))
+        return CampaignDraws(products=products, runs=tuple(runs), fits=tuple(fits))
 
 
 def interim_posterior(
