@@ -63,6 +63,7 @@ RC: Mapping[str, Any] = MappingProxyType(
         "hatch.linewidth": 0.4,
         "pdf.fonttype": 42,
         "svg.hashsalt": "bayesdrill",
+        "figure.dpi": DPI,  # of the PNG, so that both find each text in the same cache
         "savefig.dpi": DPI,
         "figure.constrained_layout.use": False,
         "figure.autolayout": False,
@@ -215,8 +216,12 @@ def save(
     dpi: int = DPI,
 ) -> list[Path]:
     """Save `<stem>.pdf`, ... with `metadata` inside and no date: same figure, same bytes."""
-    written = []
+    written, engine = [], figure.get_layout_engine()
     with styled():
+        if engine is not None:  # once, instead of in a draw before that of each format
+            figure.set_dpi(dpi)
+            engine.execute(figure)
+            figure.set_layout_engine("none")
         for kind in formats:
             image = io.BytesIO()
             figure.savefig(image, format=kind, dpi=dpi, metadata=_entries(kind, metadata))

@@ -12,6 +12,7 @@ NEEDED = (
     "emcee",
     "corner",
     "matplotlib.backends.backend_agg",
+    "matplotlib.backends.backend_pdf",
     "scipy.linalg",
     "scipy.optimize",
     "bayesdrill.report.publish",

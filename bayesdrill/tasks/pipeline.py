@@ -6,6 +6,7 @@ import dataclasses
 import importlib
 import time
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -121,16 +122,15 @@ def _run(
     job: Job, folder: Folder, mode: Mode | None, processes: int, report: Reporter, details: Reporter
 ) -> Outcome:
     clock = [time.perf_counter()]
-    with WorkerPool(job.problem.posterior, processes) as pool:
+    # A thread loads what sampling and report need, while this process waits for the workers.
+    with ThreadPoolExecutor(1) as loader, WorkerPool(job.problem.posterior, processes) as pool:
+        if not pool.in_process:
+            loader.map(importlib.import_module, LOADED_LATE)
         searches = None if mode else begin_searches(pool, find_map.fit_plan(job), report)
-        # While others search the MAP, this process looks at what the record can show, and loads
-        # what sampling and report will need.
+        # While others search the MAP, this process looks at what the record can show.
         study = SensitivityStudy(job.problem.posterior.likelihood)
         report.update(0.0, "looking at what the record can show")
         details.say(preflight(job, study))
-        if not pool.in_process:
-            for module in LOADED_LATE:
-                importlib.import_module(module)
         if searches is not None:
             mode = find_map.end_search(pool, searches, report)
             find_map.write_mode(folder, mode)

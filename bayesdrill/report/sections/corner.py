@@ -166,7 +166,7 @@ class CornerPage:
         figure = self.figure
         look: dict[str, Any] = {"loc": "upper right", "borderaxespad": 0.3}
         legend = figure.legend(handles=handles, **look)
-        box = legend.get_window_extent().padded(4.0)
+        box = legend.get_window_extent().padded(0.04 * figure.dpi)
         legend.remove()
         panels = [panel.get_tightbbox() for panel in self.panels.diagonal()]
         across, up = figure.get_size_inches()
