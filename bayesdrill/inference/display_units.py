@@ -92,7 +92,7 @@ SI = DisplayUnits({})
 class DisplayedUnknowns:
     """Unknowns or derived quantities are shown with all numbers in the units of `symbols`.
 
-    `columns` are the indices of those that are shown in arrays of draws; an empty tuple shows all.
+    `columns` are the indices of the shown unknowns in arrays of draws; an empty tuple shows all.
     `factors (D,)` are SI units per display unit.
     """
 

@@ -155,7 +155,7 @@ class Observation:
     def for_rig(self, model: Model, sensing: ObservationModel) -> Self:
         """Return an unbound observation of another rig and other sensors, with the same steps.
 
-        New parameters have the same names in the space as in rig and sensors.
+        New parameters have the names of rig and sensors in the space, too.
         """
         old = self.response
         response = simulator(model, self.experiment, sensing, *(old.stepping or ()))

@@ -28,9 +28,7 @@ from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.contract import Simulator
 
 MAX_SHOWN_TIME = 1e4  # in the record's unit of time; longer times are shown in seconds
-SEARCH_STEPS = (
-    4  # steps per sample during the MAP search; the number is chosen again at the maximum
-)
+SEARCH_STEPS = 4  # steps per sample during the MAP search, until steps are chosen at the maximum
 
 
 def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:

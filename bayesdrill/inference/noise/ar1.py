@@ -150,8 +150,9 @@ def _without_memory(samples: Any, weight: Any) -> Any:
 def _sum_weights(rho: Any) -> list[Any]:
     """Return the three weights of `Residuals.neighbours` for even samples and sigma 1.
 
-    Let S, D and E be sums of squares of samples, of steps and of both ends.  Innovations over their sd
-    have squares that sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2), without cancelling.
+    Let S, D and E be sums of squares of samples, of steps and of both ends.  The squared
+    innovations over their variance sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2),
+    a formula without cancellation.
     """
     over = 1.0 / (1.0 + rho)
     return [(1.0 - rho) * over, rho * over / (1.0 - rho), rho * over]
