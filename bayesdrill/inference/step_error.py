@@ -19,7 +19,7 @@ TRUTH_REFINEMENT = 16  # ratio of the reference solution's steps to the present 
 MAX_ERROR_OVER_NOISE = 0.1  # largest accepted error of a sample, in sds of its noise
 # The error of chosen steps stays below this share, as other points may have larger errors.
 CHOICE_MARGIN = 0.5
-N_POINTS = 8  # number of points at which steps are tried, in the time of one
+N_POINTS = 8  # number of points at which steps are tried; one point would take as long
 SCATTER = 0.1  # largest relative distance of these points in each unknown
 N_OUTLIERS = 1  # number of these points that may exceed the error
 MAX_CHOSEN_PIECES = 64  # largest number of steps per sample that is chosen
@@ -27,7 +27,7 @@ MAX_CHOSEN_PIECES = 64  # largest number of steps per sample that is chosen
 PIECES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MAX_CHOSEN_PIECES)
 CANDIDATE_STEPS = ((1, 1), *((pieces, REVERSAL_SUBSTEPS) for pieces in PIECES))
 MAX_TRUTH_STEPS = 4_000_000  # largest number of steps of a reference solution
-# Number of draws for the evidence: an expensive reference solution gets the fewer draws.
+# Limits of the number of draws for the evidence, which falls with the cost of a reference.
 MAX_EVIDENCE_DRAWS, MIN_EVIDENCE_DRAWS = 1000, 16
 DRAWS_PER_BATCH = 50  # bounds memory, as some noises need all samples
 MAX_TOTAL_STEPS = 400_000_000  # largest number of steps of all reference solutions together

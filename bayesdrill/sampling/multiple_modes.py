@@ -34,10 +34,10 @@ NEGLIGIBLE_DEPTH = 25.0  # in log density: a maximum this far below the highest 
 PATH_STEPS = 10  # steps of the path along a ridge from one point to another
 SAME_MODE = 1e-3  # in priors' spreads: two points closer than this are the same maximum
 CELL_SIZE = 1e-4  # in priors' spreads: points in one cell are taken to climb to the same maximum
-SAME_RIDGE_SDS = 3.0  # largest distance, in standard deviations, of a point on a ridge
+SAME_RIDGE_SDS = 3.0  # largest distance of a point on the ridge, in standard deviations
 VALLEY_BETWEEN_MODES = 0.5  # in log density: less deep valleys are ripples of one maximum
 VALLEY_PROBES = 24  # points between two maxima at which the density is compared
-GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # spaces points unevenly, unlike maxima
+GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # for uneven spacing of the probes
 KNOWN_BONUS = 1e-6  # in log density: a new point must be higher by this to replace a known maximum
 
 
@@ -108,7 +108,7 @@ def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> Flags:
         on_ridge, roots, _, arrived = ridge_tracing.return_to_ridge(
             surface.quadratic_model, base, psi * (k / steps), guess
         )
-    roots[~arrived] = np.eye(tau.shape[1])  # solvable; these points count as not joined
+    roots[~arrived] = np.eye(tau.shape[1])  # any solvable matrix: these points are not joined
     sds = np.linalg.solve(roots, (tau - on_ridge)[..., None])[..., 0]
     return np.asarray(arrived & (np.linalg.norm(sds, axis=1) < SAME_RIDGE_SDS))
 
@@ -137,7 +137,7 @@ MAX_ITERATIONS = 12  # Newton iterations towards the frequency of an alias
 SAME_ALIAS = 0.3  # phase error in radians over the record that a climb corrects
 MIN_ALIAS_HEIGHT = 0.3  # relative height of an alias in the spectral window
 WINDOW_OVERSAMPLING = 4  # points of the spectral window per width of a peak
-CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # cells of time: per radian, and in all
+CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # time cells per radian; most in all
 SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along an unknown, and at most along a lag
 SCAN_POINTS_PER_SAMPLE = 2  # points along a lag, whose maxima may be one sample apart
 MAX_STARTS_PER_UNKNOWN = 96  # most starts from maxima along an unknown

@@ -114,7 +114,7 @@ def end_search(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -
 
 
 def misfit(left: Sequence[ResidualSummary], clock: Unit) -> str:
-    """Describe the residuals `left` at a maximum if they forbid to believe a posterior; else empty."""
+    """Describe residuals `left` that are too large to believe a posterior; empty for a good fit."""
     return residual_sentences(left, clock) if residual_reasons(left) else ""
 
 

@@ -93,8 +93,8 @@ def datasets(
 ) -> Iterator[tuple[str, Any]]:
     """Yield names and items of an HDF5 file that are `used`; None stands for all.
 
-    Messages use the noun `called` for groups. Items that `unfit(name, item)` gives a reason against
-    are listed with it in `table`. Names that begin with `hidden` are the writer's own.
+    Messages use the noun `called` for groups. If `unfit(name, item)` returns a reason, the item is
+    ignored and `table` keeps the reason. Names that begin with `hidden` are the writer's own.
     """
     import h5py
 

@@ -30,7 +30,7 @@ Expand = Callable[[Array, Array], QuadraticModel]
 # fails, the tightest direction would bend along this direction, which is therefore loose.
 TIGHT_RATIO, STRAIGHT_RATIO = 100.0, 0.003
 NEAR_END = 1e-6  # an unknown nearer to an end of its prior, in spreads of the prior, is at the end
-MIN_NEW_SHARE = 1e-6  # a shorter orthogonal part of a unit axis is a rounding error
+MIN_NEW_SHARE = 1e-6  # if the orthogonal part of a unit axis is shorter, it is a rounding error
 MAX_SDS_BEYOND_END = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
 PROBES = 12  # number of random prior points at which a flat direction must be flat
 NEGLIGIBLE_CURVATURE = 1e-12  # curvature over the largest, below which it is a rounding error
@@ -53,7 +53,7 @@ MAX_DEPTH = 100.0  # a point this far below the highest log density is not on th
 HELD_OUT_EVERY = 4  # every fourth point is held out of the fit
 PRIOR_MARGIN = 0.9  # psi times this factor has to lie within the priors
 NEAR_SDS = 0.5  # standard deviations from a Newton ridge within which a step is the last
-NEWTON_ITERATIONS = 9  # most steps to a Newton ridge, half of them for a bad polynomial
+NEWTON_ITERATIONS = 9  # most steps to a Newton ridge; a bad polynomial may need half of these
 
 
 def split_directions(
