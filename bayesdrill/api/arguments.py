@@ -269,8 +269,7 @@ class ExperimentPlanner:
             Parameters, derived quantities, or formulas such as `"k_s/j_1"`; by default all products
             that can be determined.
         tell : Case, optional
-            Another model of the same channels, which the experiment is to distinguish from this
-            one.
+            Another model of the same channels, to be distinguished from this one.
         input : str, optional
             The input that is designed; by default the one that drives the rig.
         low, high : float, optional
@@ -302,8 +301,7 @@ class ExperimentPlanner:
         Raises
         ------
         InputError
-            If numbers or limits contradict each other, or if no waveform helps; the message says
-            what would help.
+            If numbers or limits contradict each other, or no waveform helps; with a way out.
 
         Examples
         --------

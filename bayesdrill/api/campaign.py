@@ -92,8 +92,7 @@ def campaign(path: str | Path, *, seed: int | None = None, pages: Sequence[str] 
     seed : int, optional
         The seed of all runs, by default that of the file.
     pages : sequence of str, optional
-        Runs that get pages with the causes of a misfit; "outliers" stands for all runs that differ
-        from the population.
+        Runs that get pages with the causes of a misfit; "outliers" stands for all outliers.
 
     Returns
     -------

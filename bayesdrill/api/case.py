@@ -187,9 +187,7 @@ class Case(arguments.ExperimentPlanner, Value):
         >>> case.draw_rig("rig.svg")
         'figure: rig.svg'
         """
-        from bayesdrill.report.rig_drawing import (
-            save_rig,
-        )  # late: it loads what draws
+        from bayesdrill.report.rig_drawing import save_rig  # late: it loads what draws
 
         problem, to = self.job.problem, _figure_file(self.job, "--figure", path)
         return f"figure: {save_rig(problem.model, to)}"

@@ -23,8 +23,7 @@ class Symbol:
 
     `held` is the range of values at which a parameter may be fixed. An unknown is positive, unless
     it may have `any` value, such as an angle. `at_most` is the upper bound.  `typical` quotes SI
-    values of known rigs with their sources. `drives` marks an input without which the rig would not
-    move.
+    values of known rigs with their sources. `drives` marks an input that moves the rig.
     """
 
     name: str

@@ -3,8 +3,8 @@
 If a coming record does not determine a direction, the posterior follows the priors and their ends.
 The likelihood near a draw is Gaussian in the unknowns on their natural scales.  Its product with
 the priors is sampled by elliptical slices, which need no tuning (Murray, Adams and MacKay 2010).
-Some samples are then simulated, and moved to the curved ridge of the likelihood by a step of Gauss
-and Newton.
+Some samples are then simulated, and moved to the curved ridge of the likelihood by a Gauss-Newton
+step.
 """
 
 from __future__ import annotations
@@ -41,8 +41,7 @@ def promise(
         points = _moved(space, np.repeat(theta[None], len(linear), axis=0), linear)
         beyond = study.changes(theta, points) - linear @ rows[w].T
         back = np.linalg.solve(gain[w] + known.precision, rows[w].T @ beyond.T).T
-        # The sd of all samples has less noise than that of simulated samples, which only correct
-        # it.
+        # The sd of all samples has less noise than that of simulated samples, which correct it.
         sds[w] *= ((linear - back) @ slopes[w].T).std(axis=0) / (linear @ slopes[w].T).std(axis=0)
     return geometric_mean(sds), gain
 

@@ -3,8 +3,7 @@
 The rival's signals are taken to be linear in its unknowns near its fit of the expected record.  The
 difference of both signals then stands for one more unknown, whose value is one.  The information on
 this unknown is the squared difference, over the noise, that the rival cannot fit (T-optimality;
-Atkinson and Fedorov 1975).  The search of a design maximises this information like that on any
-target.
+Atkinson and Fedorov 1975).  The search of a design maximises this information.
 """
 
 from __future__ import annotations

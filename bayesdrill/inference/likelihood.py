@@ -43,8 +43,7 @@ class Observation:
     """An observation is a record with its density, given unknowns `theta` and parameters `full`.
 
     `theta (W, D)` and `full (W, P)` include those of all observations, physical, in SI.  `response`
-    simulates the record, and `noise` is the density of the residuals.  Subclasses have other
-    densities.
+    simulates the record, and `noise` is the density of the residuals.  Subclasses differ.
 
     `parameters` and `noise_names` name the parameters of this simulator and the unknowns of this
     noise.  `bind` sets the columns of these in `full` and `theta`: `columns` (None for all) and
@@ -296,8 +295,7 @@ class LatentTorqueObservation(Observation):
 
     The `noise` of the sensors is white.  `process` has a number or an unknown for `SIZE` and `TIME`
     of the torque.  Arguments of the kernels `(W, n + P)` are the n unknowns of noise and torque, and
-    the P parameters of the simulator.  If `fixed (P,)` is given, these parameters determine the
-    covariance instead.
+    the P parameters of the simulator.  If given, `fixed (P,)` determine the covariance.
     """
 
     kalman_filter: KalmanFilter

@@ -35,8 +35,7 @@ class Coordinates:
 
     `logs` says for each of the D unknowns whether its coordinate is its log.  `between` lists
     `(column, low, high)` of unknowns whose coordinate is the probit between two ends.  `signed`
-    lists `(column, step)` of unknowns that need not be positive; `step` is the unit of the natural
-    scale.
+    lists `(column, step)` of unknowns that need not be positive; `step` is the natural unit.
     """
 
     logs: tuple[bool, ...]

@@ -37,7 +37,7 @@ def make_tree(
 
     The group `derived` has a value for each draw of `posterior`, or NaN. The pointwise
     `log_likelihood` and `posterior_predictive` have `predictive_draws` evenly spaced draws of every
-    chain, named by their `draw` coordinate.  If `predictive_draws` is 0, these two groups are left
+    chain, named by their `draw` coordinate.  With `predictive_draws` 0, these two groups are left
     out.
     """
     draws = sampled.draws

@@ -106,8 +106,7 @@ def long_run_tau(theta: Array, selected: Flags, sd: Array, parts: int = 1) -> Ar
     """Estimate tau `(D,)` in steps from the spread of the walkers' means over parts of the chain.
 
     `sd (D,)` is the standard deviation of all steps.  No window is used, so motion as slow as the
-    length of a part is also seen.  Means are compared within an ensemble, since R-hat compares
-    ensembles.
+    length of a part is also seen.  Means are compared within ensembles; R-hat compares ensembles.
     """
     length = theta.shape[1] // parts
     total, freedom = np.zeros(theta.shape[-1]), 0  # sum of squares, and degrees of freedom

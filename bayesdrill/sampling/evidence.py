@@ -50,8 +50,8 @@ def evidence(
 ) -> Evidence | None:
     """Estimate the evidence from steps `z (E, S, W, D)` with `log_p (E, S, W)`, and fresh draws.
 
-    Draws of the proposal have their own random stream.  Returns None if the posterior density is
-    zero at all of them.
+    Draws of the proposal have their own random stream.  Returns None if all have zero posterior
+    density.
     """
     random = Random(seeds.bits(seed, "evidence"))
     mixture = proposal.mixture
@@ -86,8 +86,7 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
 
     `on_chain (E, S, W)` and `drawn (n,)` are log (p/q) at the walkers' steps and at draws of q; the
     other `tried` draws have p = 0.  Let s and t be the shares of chain and draws, and w = p/q.
-    Then `Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]`.  The terms of both means are bounded for
-    any w.
+    Then `Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]`.  The terms of both means are bounded.
     """
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) == 0:

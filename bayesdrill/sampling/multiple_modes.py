@@ -326,8 +326,7 @@ def _frequency_range(surface: LogDensity, u: Array) -> tuple[Array, Array]:
 def _at_frequencies(surface: LogDensity, u: Array, pair: int, wanted: Array) -> Array:
     """Return points `(m, D)` at which a pole pair has the `wanted (n,)` frequencies, in rad/s.
 
-    The points are the nearest to `u (D,)` in priors' spreads.  Points outside the priors are left
-    out.
+    The points are the nearest to `u (D,)` in priors' spreads, without those outside the priors.
     """
     observations = surface.posterior.likelihood.observations
     span = max(float(np.ptp(observation.experiment.t)) for observation in observations)

@@ -42,8 +42,7 @@ SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 class _OneThread:
     """Limit linear algebra to one thread in this context.
 
-    The limit holds for the process: the first context sets it, and the last one restores the old
-    limit.
+    The limit holds for the process: the first context sets it, and the last one removes it.
     """
 
     def __init__(self) -> None:
@@ -207,8 +206,8 @@ def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
     """Shut down a pool, whose workers have `patience` seconds to finish their tasks.
 
     The pool itself would wait for ever for a suspended worker, or for the rest of a killed worker's
-    result.  This function waits for the pool's thread, which removes semaphores under a lock that a
-    forked child would inherit.
+    result.  The pool's thread is waited for, as it removes semaphores under a lock that forks would
+    inherit.
     """
     workers = list((pool._processes or {}).values())  # without other child processes
     thread: Any = pool._executor_manager_thread

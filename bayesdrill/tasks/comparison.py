@@ -72,8 +72,8 @@ FORMS: Mapping[str, Form] = {form.name: form for form in (OVERLAID, COMPARED)}
 def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
     """Return the runs side by side or, as models of one record, compared with the first.
 
-    Units are those of the first run with units.  Raises `InputError` if a model has another record
-    or no evidence.
+    Units are those of the first run with units.  Raises `InputError` for another record or a
+    missing evidence.
     """
     units = overlay_units([run.run.job for run in runs])
     if form is OVERLAID:
@@ -183,8 +183,8 @@ class ComparedRun:
 class ComparisonRecord:
     """The `run.json` of a finished comparison, an overlay or a ladder has these fields.
 
-    `reasons` say why the result must not be believed. The last four fields are those of models of
-    one record.
+    `reasons` say why the result must not be believed. The last four fields need models of one
+    record.
     """
 
     form: int = 1

@@ -134,8 +134,8 @@ def design(
     """Design an experiment for a job, given its prior or posterior draws `chain (N, D)`.
 
     `options` has the fields of `SourceLimits`, a `family` and a number of `experiments`; options
-    that are not given are None.  If there is a `rival`, the experiment is to distinguish its model
-    from that of the job.  Raises `InputError` for options that do not fit.
+    that are not given are None.  The experiment is to distinguish the model from that of a `rival`,
+    if there is one.  Raises `InputError` for options that do not fit.
     """
     problem, seed = job.problem, job.config.seed
     family, experiments = options.pop("family", None) or FREE, options.pop("experiments", 1)

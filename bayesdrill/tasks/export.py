@@ -233,8 +233,7 @@ def as_mjcf(model: SimulatorModel, *, dcmotor: bool = False) -> str:
 def _gains(means: Mapping[str, float]) -> dict[str, str]:
     """Return the entries of a general actuator: the gains of its input, an angle and a speed.
 
-    The input is a voltage, or the goal of a servo at its usual supply.  The limit of the supply is
-    left out.
+    The input is a voltage, or the goal of a servo at its usual supply.  Its limit is left out.
     """
     resistance = means.get("resistance", 1.0) + means.get("series_resistance", 0.0)
     gain = means.get("torque_constant", 1.0) / resistance

@@ -108,7 +108,7 @@ class ResolvedCase:
         """Return the joint name of each parameter of each experiment, by label.
 
         The name has the label if the parameter is `own`, held by this experiment, or follows from
-        such parameters.
+        these.
         """
         names = {}
         for each in self.experiments:

@@ -133,8 +133,7 @@ class Files:
     """Keep tables and records that were read, so that no file is read twice.
 
     `tables` holds small tables by path, format, options and variables. `records` holds the first
-    record of each experiment by its label. `given` is the table of a record that is passed as
-    arrays.
+    record of each experiment by its label. `given` is the table of a record passed as arrays.
     """
 
     given: RecordTable | None = None

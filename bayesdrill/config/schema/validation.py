@@ -119,8 +119,7 @@ def read_entry(
 ) -> tuple[Any, list[EntryError]]:
     """Return the validated value at a place (None if it has errors), and its errors.
 
-    An error is pydantic's mapping with one more key: `kind` is the type of the entry at
-    `loc[:depth]`.
+    An error is pydantic's mapping with an added `kind`, the type of the entry at `loc[:depth]`.
     """
     try:
         return adapter(kind).validate_python(value, context=words), []

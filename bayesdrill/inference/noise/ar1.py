@@ -43,8 +43,8 @@ class ChannelSpacing:
     def conditional(self, rho: Any) -> tuple[Any, Any]:
         """Return the weight of the previous sample in the conditional mean, and the conditional sd.
 
-        Both are `(W, n)`, and the sd is over sigma.  For the first sample, the weight is zero and
-        the sd is one.
+        Both are `(W, n)`, and the sd is over sigma.  For the first sample, the weight is 0 and the
+        sd is 1.
         """
 
         def with_first(weights: Array) -> Array:

@@ -153,8 +153,7 @@ class Noise(Protocol):
     def fixed_values(self) -> Mapping[int, object]:
         """Return fixed values by index of the channel, which must be the same in a resumed run.
 
-        Results also identify a noise by its `key` of plain data, or by its class if it has no
-        `key`.
+        Results also identify a noise by its `key` of plain data, or else by its class.
         """
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:

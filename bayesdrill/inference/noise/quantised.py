@@ -1,8 +1,7 @@
 """Quantised noise is Gaussian and rounded to known steps, as encoders and converters do.
 
 A sample only tells which interval was rounded to its value.  The likelihood of the sample is the
-probability of this interval over the step, as for a density.  The noise may be much smaller than a
-step.
+probability of this interval over the step.  The noise may be much smaller than a step.
 """
 
 from __future__ import annotations

@@ -23,10 +23,7 @@ from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.arrays import CUT_SHORT, ITSELF, add_fields, datasets
 from bayesdrill.record.formats.table import RecordTable, read_bytes
 
-TITLES, UNITS = (
-    ("label", "title", "Name"),
-    ("unit", "Unit"),
-)  # by preference
+TITLES, UNITS = ("label", "title", "Name"), ("unit", "Unit")  # fields of a signal, best first
 MAX_DEPTH = 100  # usual files have fewer than ten levels, and SciPy fails at a thousand
 
 _MATRIX, _COMPRESSED = 14, 15  # kinds of elements

@@ -6,8 +6,7 @@ growing length, points are placed along the loose directions, and Gauss-Newton r
 to the ridge.  Polynomials are fitted to the points at which it ends.
 
 A Newton ridge begins at the polynomials, and moves every point to the exact ridge by Gauss-Newton.
-A draw from a Newton ridge costs about a hundred evaluations of the model, so only the check of
-missed mass uses it.
+A draw from it costs about a hundred evaluations, so only the check of missed mass uses it.
 """
 
 from __future__ import annotations
@@ -212,8 +211,8 @@ def _follow(
 ) -> tuple[RidgeMap, float]:
     """Follow a ridge outwards from the maximum in stages, each guided by the previous fit.
 
-    The points of the last stage are `length` times those of `scattered_psi`.  Returns the ridge and
-    its error.
+    The points of the last stage are `length` times those of `scattered_psi`.  Returns ridge and
+    error.
     """
     base = fitted.frame
     points: list[Array] = []

@@ -30,8 +30,8 @@ LONG_LOG_RATIO = 2.0  # a walker is trapped if its log (p/q) is this much above 
 class WeightedDraws:
     """Draws `u (N, D)` have the weights `log_w = log (p/q)` and `log_q`, `(N,)` each.
 
-    `log_q` is the log of q over the density of the draws.  Densities need not be normalised, and p
-    may be zero.
+    `log_q` is the log of q over the density of the draws.  Densities need no normalisation; p may
+    be zero.
     """
 
     u: Array
@@ -58,7 +58,7 @@ class WeightedDraws:
     def acceptance(self) -> float:
         """Return the expected acceptance of independence proposals, E min(1, w(y) / w(x)).
 
-        With x from p and y from q, this is the mean of the smaller of two weights over the mean
+        With x from p and y from q, this is the mean smaller one of two weights over the mean
         weight.
         """
         order = np.argsort(-self.log_w)
@@ -246,8 +246,7 @@ def fit_mixture(
     """Fit a mixture to draws `u (N, D)` with `weights (N,)` by expectation-maximisation from `start`.
 
     In each round the mixture's own draws outside the prior are added, so that the data do not
-    restrict its density there.  Components may then reach beyond an end at which the posterior does
-    not vanish.
+    restrict its density there.  Components may then reach beyond an end with posterior density.
     """
     current = start
     y, jacobian = start.straightened(u)
