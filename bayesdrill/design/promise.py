@@ -3,8 +3,7 @@
 If a coming record does not determine a direction, the posterior follows the priors and their ends.
 The likelihood near a draw is Gaussian in the unknowns on their natural scales.  Its product with
 the priors is sampled by elliptical slices, which need no tuning (Murray, Adams and MacKay 2010).
-Some samples are then simulated, and moved to the curved ridge of the likelihood by a Gauss-Newton
-step.
+Some samples are simulated, and moved to the likelihood's curved ridge by a Gauss-Newton step.
 """
 
 from __future__ import annotations

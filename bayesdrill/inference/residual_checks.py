@@ -51,8 +51,7 @@ class ResidualSummary:
     `rms` is relative to sigma, and `correlation` is that of neighbouring samples.  The largest
     residual, `farthest` in sigmas, is at `time` [s].  `share` is the rms error over the channel's
     standard deviation; `simulated` is that of the simulation alone, and `ahead` that of predictions
-    one step ahead. All three are NaN if the channel is constant.  `experiment` is empty if there is
-    only one.
+    one step ahead. All three are NaN if the channel is constant.  A single `experiment` is empty.
     """
 
     channel: str

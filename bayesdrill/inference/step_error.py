@@ -58,8 +58,7 @@ def evidence_shift(posterior: Posterior, draws: Array) -> tuple[float, float] | 
     """Return how much finer steps change a log evidence, and the standard error of this change.
 
     The ratio of evidences is the posterior mean of the ratio of likelihoods with finer and present
-    steps, over physical `draws (N, D)`.  The result is None without steps, or without a finite
-    response.
+    steps, over physical `draws (N, D)`.  The result is None without steps or a finite response.
     """
     references = [_truth(each.response) for each in posterior.likelihood.observations]
     steps = sum(

@@ -83,8 +83,7 @@ def spikes(
     """Find spikes in finite `x (T,)`; `caused (T,)` marks samples at which an input has just jumped.
 
     With `wide`, spikes of more than two samples count; in an input, these may be intended. With
-    `inert`, `x` is an angle or speed, which no input moves and returns in `MAX_SHORT_SPIKE`
-    samples.
+    `inert`, no input can move `x` there and back within `MAX_SHORT_SPIKE` samples.
     """
     mask = np.zeros(len(x), dtype=np.bool_)
     if len(x) < MIN_SAMPLES:

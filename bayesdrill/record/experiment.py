@@ -75,8 +75,8 @@ class Experiment:
     where it was not measured. Inputs are `constant`, or a measured `series (T,)` with a first- or
     zero-order hold. States at `t_start <= t[0]` are in `start`; others are zero. `told` lists
     changes of the files' numbers, and `odd` their anomalies. Samples in `held_out (T, K)`, which is
-    NaN elsewhere, do not enter the likelihood. `input_steps` has the median step [s] of each
-    series, by default `dt`.
+    NaN elsewhere, do not enter the likelihood. `input_steps` has each series' median step [s], or
+    `dt`.
     """
 
     t: Array

@@ -37,8 +37,7 @@ def make_tree(
 
     The group `derived` has a value for each draw of `posterior`, or NaN. The pointwise
     `log_likelihood` and `posterior_predictive` have `predictive_draws` evenly spaced draws of every
-    chain, named by their `draw` coordinate.  With `predictive_draws` 0, these two groups are left
-    out.
+    chain, named by their `draw` coordinate.  With 0, both groups are left out.
     """
     draws = sampled.draws
     used_draws = np.unique(np.linspace(0, draws.shape[1] - 1, predictive_draws).astype(int))

@@ -151,8 +151,7 @@ def begin_walkers(
 
     No walker starts where p/q is so large that the independence move would hardly ever move it.
     Draws come from a wider proposal, then from the proposal itself.  At last, draws are mirrored at
-    the ends of the priors and moved towards the first maximum.  Raises `NoSupportError` if all
-    fail.
+    the ends of the priors and moved towards the first maximum.  Raises `NoSupportError`.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
     mixture = proposal.mixture
@@ -201,9 +200,9 @@ class SamplingResult:
 
     `theta (E, S, W, D)` is physical, and `segments` are the saved segments of each ensemble.
     `learnt`, and the share `mode_shares (M,)` of the draws at each maximum, are None for a chain
-    that was only read. `evidence` is computed by `with_evidence`.  `compression` compares the
-    compressed likelihood of long records with the exact one.  `missed` estimates the posterior mass
-    that the proposal hardly reaches.
+    that was only read. `evidence` is computed by `with_evidence`.  `compression` compares
+    compressed likelihoods with exact ones.  `missed` estimates the posterior mass that the proposal
+    hardly reaches.
     """
 
     segments: list[list[ChainSegment]]

@@ -45,9 +45,8 @@ class FitPlan:
     """A plan says how a posterior is fitted.
 
     The `optimiser` searches for the MAP from `starts`, with at most `evaluations` each.  `chains` are
-    the settings of the ensembles.  Records with more than `shortest` samples are compressed; None
-    compresses no record.  A `brief` fit searches only until one search has converged, and has no
-    evidence.
+    the settings of the ensembles.  Records with more than `shortest` samples are compressed; None:
+    no record.  A `brief` fit searches only until one search has converged, and has no evidence.
     """
 
     optimiser: Optimiser

@@ -63,8 +63,7 @@ class Mode:
     below 1 at a maximum inside the prior.  `gain` is the gain of another Newton step.  `at_bound`
     names unknowns within 0.1 % of an end of their prior, or with less than 0.1 % of the prior's
     mass between them and zero. `steps` has the scale of unknowns that may be negative.  `pieces`
-    are the step sizes of rigs simulated in steps.  `left_out` estimates the posterior mass of
-    maxima that were not followed.
+    are the step sizes of rigs simulated in steps.  `left_out` estimates the mass of other maxima.
     """
 
     values: Mapping[str, float]

@@ -43,8 +43,7 @@ class ChannelSpacing:
     def conditional(self, rho: Any) -> tuple[Any, Any]:
         """Return the weight of the previous sample in the conditional mean, and the conditional sd.
 
-        Both are `(W, n)`, and the sd is over sigma.  For the first sample, the weight is 0 and the
-        sd is 1.
+        Both are `(W, n)`, and the sd is over sigma.  The first sample has 0 and 1.
         """
 
         def with_first(weights: Array) -> Array:
@@ -151,8 +150,7 @@ def _sum_weights(rho: Any) -> list[Any]:
     """Return the three weights of `Residuals.neighbours` for even samples and sigma 1.
 
     Let S, D and E be sums of squares of samples, of steps and of both ends.  The squared
-    innovations over their variance sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2),
-    a formula without cancellation.
+    innovations over their variance sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2).
     """
     over = 1.0 / (1.0 + rho)
     return [(1.0 - rho) * over, rho * over / (1.0 - rho), rho * over]

@@ -30,8 +30,7 @@ LONG_LOG_RATIO = 2.0  # a walker is trapped if its log (p/q) is this much above 
 class WeightedDraws:
     """Draws `u (N, D)` have the weights `log_w = log (p/q)` and `log_q`, `(N,)` each.
 
-    `log_q` is the log of q over the density of the draws.  Densities need no normalisation; p may
-    be zero.
+    `log_q` is the log of q over the density of the draws.  Densities need no norm; p may be 0.
     """
 
     u: Array
@@ -58,8 +57,7 @@ class WeightedDraws:
     def acceptance(self) -> float:
         """Return the expected acceptance of independence proposals, E min(1, w(y) / w(x)).
 
-        With x from p and y from q, this is the mean smaller one of two weights over the mean
-        weight.
+        With x from p, y from q: the mean of the smaller of two weights over the mean weight.
         """
         order = np.argsort(-self.log_w)
         ratio = np.exp(self.log_w[order] - self.log_w[order[0]])
