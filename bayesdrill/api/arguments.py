@@ -1,4 +1,4 @@
-"""Check the API's arguments, and define bases of its classes: jobs with many fits, and planners."""
+"""Check the API's arguments; define base classes of jobs with many fits and of planners."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     from bayesdrill.tasks.remote import RefitExecutor
 
 
-MOST_PROCESSES = 256  # each takes the memory of an interpreter with all libraries
+MOST_PROCESSES = 256  # each process needs the memory of all libraries
 
 
 def series(location: str, values: Any, issues: list[Issue]) -> Array:
-    """Return numbers `(T,)`, NaN where they are masked; a mistake is added to `issues`."""
+    """Return numbers `(T,)`, NaN for masked ones; mistakes are added to `issues`."""
     try:
         masked = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
         raw = np.asarray(values)
-    except Exception:  # lists of different lengths; arrays of other libraries may raise anything
+    except Exception:  # uneven lists, or any exception of other array libraries
         raw, masked = np.array(None), None
     if raw.ndim == 2 and 1 in raw.shape:
         raw = raw.reshape(-1)
@@ -53,14 +53,14 @@ def series(location: str, values: Any, issues: list[Issue]) -> Array:
         try:
             numbers = raw.astype(np.float64)
         except (TypeError, ValueError, OverflowError):
-            issues.append(Issue(location, "not all of these are numbers"))
+            issues.append(Issue(location, "some of these are not numbers"))
         else:
             return numbers if masked is None else np.where(masked.reshape(-1), np.nan, numbers)
     return np.zeros(0)
 
 
 def rig(value: Any) -> Model:
-    """Return a model as it is, or the default model of a name; raises `InputError`."""
+    """Return the given model, or the default model of this name; raises `InputError`."""
     kinds = tuple(MODELS.usable().values())
     if isinstance(value, kinds):
         return value
@@ -81,13 +81,13 @@ def known[T](registry: Mapping[str, T], name: Any, location: str, what: str) -> 
 def whole(location: str, value: int, least: int) -> int:
     """Check a whole number of at least `least` and at most 64 bits; raises `InputError`."""
     if not least <= value < 2**64:
-        message = f"{short_repr(value)} is no whole number from {least} to 2**64 - 1"
+        message = f"{short_repr(value)} is not a whole number from {least} to 2**64 - 1"
         raise InputError.at(location, message)
     return int(value)
 
 
 def mode(*, resume: bool, force: bool) -> WriteMode:
-    """Return how a folder with results is treated; raises `InputError` if both are given."""
+    """Return the treatment of existing results; raises `InputError` if both flags are given."""
     if resume and force:
         raise InputError.at("", "--resume and --force exclude each other; give one of them")
     return "resume" if resume else "force" if force else "fresh"
@@ -125,7 +125,7 @@ def is_series(value: Any) -> bool:
 
 
 def number(location: str, value: Any, issues: list[Issue], *, positive: bool = False) -> float:
-    """Return a finite number; for a mistake, which is added to `issues`, return NaN."""
+    """Return a finite number; NaN for a mistake, which is added to `issues`."""
     try:
         read = float(value) if not isinstance(value, str | bool | np.bool) else float("nan")
     except (TypeError, ValueError, OverflowError):
@@ -168,7 +168,7 @@ def times(t: Any, issues: list[Issue]) -> Array:
 class ManyFits[T]:
     """A job with many fits can run in several processes or on a cluster.
 
-    `kind` is the end of the name of its folder.
+    The name of its folder ends with `kind`.
     """
 
     job: Job
@@ -201,7 +201,7 @@ class ManyFits[T]:
         processes, report
             See `Case.sample`.
         scheduler : str, optional
-            The address of the scheduler of a Dask cluster, which is used in place of processes.
+            The address of the scheduler of a Dask cluster, which replaces the processes.
 
         Returns
         -------
@@ -226,7 +226,7 @@ class ManyFits[T]:
 
 @check_arguments
 class ExperimentPlanner:
-    """A planner has a job, and designs experiments with the channels and noise of its record."""
+    """A planner designs experiments with the channels and noise of the record of its `job`."""
 
     job: Job
 
@@ -257,11 +257,11 @@ class ExperimentPlanner:
         draws: int = 8,
         report: Reporter | None = None,
     ) -> Designed:
-        """Design the next experiment: the waveform of an input that tells most.
+        """Design the next experiment: the most informative waveform of an input.
 
-        Of a case the priors are known before, and of a run its posterior.  The sensitivities of a
-        linear rig are linear in its input, so the search has an exact gradient.  A rig with friction
-        is simulated for each waveform.
+        The prior knowledge is the priors of a case, or the posterior of a run.  The sensitivities
+        of a linear rig are linear in its input, so the search has an exact gradient.  A rig with
+        friction is simulated for each waveform.
 
         Parameters
         ----------
@@ -269,9 +269,9 @@ class ExperimentPlanner:
             Parameters, derived quantities, or formulas such as `"k_s/j_1"`; by default all products
             that can be determined.
         tell : Case, optional
-            Another model of the same channels, from which the experiment is to tell this one.
+            Another model of the same channels, to be distinguished from this one.
         input : str, optional
-            The input that the source drives; by default the one that drives the rig.
+            The input that is designed; by default the one that drives the rig.
         low, high : float, optional
             The range of the source in SI; by default that of the record and zero.
         hold : float, optional
@@ -281,17 +281,17 @@ class ExperimentPlanner:
         slew : float, optional
             The largest change of the source per s; by default none.
         limits : str or sequence of str
-            Limits of formulas of states, inputs and parameters in SI, for 99 % of the draws.  Examples
-            are `"w_2=0:"`, which keeps a motor from turning back, `"theta_1 - theta_2=-1:1"`, and
-            `"integral(r_m*i**2)=:50"` for the heat over the run.
+            Bounds of formulas of states, inputs and parameters in SI, for 99 % of the draws.
+            Examples are `"w_2=0:"`, which keeps a motor from turning backwards, `"theta_1 -
+            theta_2=-1:1"`, and `"integral(r_m*i**2)=:50"` for the heat over the run.
         family : str, optional
             `free` levels (the default), or `step`, `prbs`, `chirp`, `multisine`, `steps` or `coast`.
         experiments : int
-            The number of coming experiments, each of which knows what those before it determine.
+            The number of coming experiments; each design allows for the earlier experiments.
         draws : int
             The number of draws over which the design is averaged; 1 takes the start values of a case.
         report : Reporter, optional
-            It is told the progress, see `sample`.
+            Receives the progress, see `sample`.
 
         Returns
         -------
@@ -301,14 +301,14 @@ class ExperimentPlanner:
         Raises
         ------
         InputError
-            If numbers or limits contradict each other, or if no waveform helps; it says what would.
+            If numbers or limits contradict each other, or no waveform helps; with a way out.
 
         Examples
         --------
         >>> case.design("k_s", high=12.0, hold=0.5, draws=1).levels.shape
         (12,)
         """
-        from bayesdrill.tasks import design  # late: it loads all that draws figures
+        from bayesdrill.tasks import design  # late: it loads the libraries of figures
 
         options = {
             "input": input, "low": low, "high": high, "hold": hold, "duration": duration,

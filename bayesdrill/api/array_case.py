@@ -1,4 +1,4 @@
-"""Cases are made here of arrays, without any file."""
+"""Make cases from arrays, without any file."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class Channel(Value):
     unit : str
         The unit, such as `"rpm"`.
     sigma : float or mapping
-        The standard deviation of its noise in `unit`, or its prior as in a config.
+        The standard deviation of the noise in `unit`, or a prior as in a config.
     measures : str, optional
         A state or a sum of states, such as `"theta_1 - theta_2"`; by default the channel's name.
     noise : str or mapping, optional
-        The kind of its noise with entries as in a config; by default white.
+        The kind of noise, with entries as in a config; by default white.
     gain, offset, lag : float or mapping, optional
-        Errors of its sensor: a factor, an offset in `unit` and a lag in s, as numbers or priors.
+        Errors of the sensor: a factor, an offset in `unit` and a lag in s, as numbers or priors.
 
     Examples
     --------
@@ -73,7 +73,7 @@ class Input(Value):
         How the input continues between samples: constant (zero-order hold) or linear (first-order
         hold).  By default angles are linear, and all other inputs are constant.
     gain, offset, lag : float or mapping, optional
-        Errors of its sensor, see `Channel`.
+        Errors of the sensor, see `Channel`.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def case(
 ) -> Case:
     """Make a case from arrays, without any file.
 
-    The rig is at rest at 0 s, or with measured inputs at the first sample, unless the section
+    The rig is at rest at 0 s, or at the first sample if an input is measured.  The section
     `initial={"w_1": ...}` gives other values.
 
     Parameters
@@ -114,16 +114,16 @@ def case(
     channels : mapping of str to Channel
         The measured channels.
     inputs : mapping of str to Input or float
-        For each input of the rig a measured one, or a constant in SI.
+        For each input of the rig, measured values or a constant in SI.
     parameters : mapping of str to prior, float or "nominal"
-        For each parameter of the rig a prior, such as `{"prior": "uniform", "low": 0.1, "high": 1.0}`,
-        a fixed value in SI, or `"nominal"` for its nominal value.  An optional parameter of the rig,
-        such as `c_s`, is part of the model if it is named.
+        For each parameter of the rig, a prior, such as `{"prior": "uniform", "low": 0.1, "high":
+        1.0}`, a fixed value in SI, or `"nominal"` for its nominal value.  An optional parameter of
+        the rig, such as `c_s`, is part of the model if it is named.
     rig : str or Model
         The name of a rig, or a model such as `bd.MotorShaft(i_m=1 / 8)`.
     nominal : str or mapping of str to float, optional
-        The nominal values: the name of a table, or values in SI.  By default parameters that need a
-        table have the values of `"tables_2_3"`.
+        The nominal values: the name of a table, or values in SI.  By default, nominal values come
+        from the table `"tables_2_3"` if parameters need them.
     seed : int
         The seed of all random numbers.
     name : str
@@ -151,7 +151,7 @@ def case(
     given_by_arrays = ("file", "format", "time", "channels")
     refused += [f"record.{name}" for name in given_by_arrays if name in record]
     if refused:
-        raise InputError.at(refused[0], "arrays and `rig` say this already; leave it out")
+        raise InputError.at(refused[0], "arrays and `rig` give this already; leave it out")
     model = arguments.rig(rig)
     priors = dict(parameters)
     missing = [name for name in model.added if name not in priors]
@@ -175,7 +175,7 @@ def case(
 def _columns(
     t: ArrayLike, channels: Mapping[str, Channel], inputs: Mapping[str, Input | float]
 ) -> tuple[dict[str, Array], dict[str, Input]]:
-    """Return the columns `(T,)` of times, channels and inputs, and the inputs that are measured."""
+    """Return the columns `(T,)` of times, channels and inputs, and the measured inputs."""
     issues: list[Issue] = []
     columns: dict[str, Array] = {job.TIME_COLUMN: arguments.series("t", t, issues)}
     for name, channel in channels.items():
@@ -187,7 +187,7 @@ def _columns(
     measured = {}
     for name, given in inputs.items():
         if isinstance(given, Input) and name in channels:
-            text = "an input has this name; give the channel another, with `measures`"
+            text = "an input has this name; give the channel another name, with `measures`"
             issues.append(Issue(f"channels.{name}", text))
         elif isinstance(given, Input):
             measured[name] = given

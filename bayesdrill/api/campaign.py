@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 @arguments.check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class Campaign(ManyFits["CampaignOutcome"], Value):
-    """A campaign fits many runs, each alone, and then their population.
+    """A campaign fits many runs, each by itself, and then their population.
 
     Make it with `bd.campaign`.
 
     Parameters
     ----------
     plan : CampaignPlan
-        The entries of the campaign's file, and its runs.
+        The entries of the campaign's file, and the runs.
     pages : tuple of str
-        The runs of which `run` makes pages.
+        The runs for which `run` makes pages.
     """
 
     plan: CampaignPlan
@@ -46,17 +46,17 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
         return arguments.results_folder(folder, Path("results") / self.plan.spec.name)
 
     def preview(self, report: Reporter | None = None) -> str:
-        """Read all records, and say in words what would run.
+        """Read all records, and describe the runs in words.
 
         Parameters
         ----------
         report : Reporter, optional
-            It is told the progress.
+            Receives the progress.
 
         Returns
         -------
         str
-            Runs, rigs, times and noted columns, and what looks wrong.
+            Runs, rigs, times and noted columns, and findings that look wrong.
 
         Raises
         ------
@@ -92,8 +92,7 @@ def campaign(path: str | Path, *, seed: int | None = None, pages: Sequence[str] 
     seed : int, optional
         The seed of all runs, by default that of the file.
     pages : sequence of str, optional
-        Runs of which pages are made, with the causes of a misfit; "outliers" stands for all that do
-        not belong to the others.
+        Runs that get pages with the causes of a misfit; "outliers" stands for all outliers.
 
     Returns
     -------
@@ -128,14 +127,14 @@ def watch(
     scheduler: str | None = None,
     report: Reporter | None = None,
 ) -> Iterator[str]:
-    """Watch a campaign: runs join as their files come, and all results are made anew.
+    """Watch a campaign: new files join as runs, and all results are updated.
 
     Parameters
     ----------
     path : str or path
-        The file of the campaign, or the folder in which it is the `campaign.yaml`.
+        The file of the campaign, or a folder with a `campaign.yaml`.
     folder : str or path, optional
-        The folder of the results, by default `results/<name>`; it is continued if it has any.
+        The folder of the results, by default `results/<name>`; earlier results there are continued.
     once : bool
         Whether to look only once.
     interval : float
@@ -167,7 +166,7 @@ def watch(
 
 
 def is_campaign(path: Path) -> bool:
-    """Return whether a file is that of a campaign, and no config."""
+    """Return whether a file describes a campaign, not a config."""
     return path.is_file() and _BASE.search(path.read_bytes()) is not None
 
 

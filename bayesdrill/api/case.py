@@ -1,4 +1,4 @@
-"""Cases are a record, a rig and priors, which can be checked, fitted and sampled."""
+"""Define cases: a record, a rig and priors, which can be checked, fitted and sampled."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 
 VALUES = "a number in SI, or several, for each unknown"
 
-POINTS_AT_ONCE = 50  # points of a log density, since some noises keep all samples of each point
+POINTS_AT_ONCE = 50  # number of points, since some noises keep all samples of each point
 
 
 def _figure_file(job: Job, option: str, path: str | Path) -> Path:
     file = Path(path).expanduser()
     if file.suffix[1:] not in FORMATS:
-        raise InputError.at(option, f"'{file.name}' is none of .{', .'.join(FORMATS)}")
+        raise InputError.at(option, f"'{file.name}' is not one of .{', .'.join(FORMATS)}")
     refuse_replacing(sources.files(job.case), [file])
     return file
 
@@ -69,7 +69,7 @@ class Case(arguments.ExperimentPlanner, Value):
     job : Job
         The checked config with its record.
     columns : mapping of str to array, shape (T,), optional
-        The record, if it is in no file.
+        The record, if no file contains it.
 
     See Also
     --------
@@ -182,9 +182,7 @@ class Case(arguments.ExperimentPlanner, Value):
         Raises
         ------
         InputError
-            If the file is of another kind, or is one of the record.
-
-        Examples
+            If the file has another ending, or is a file of the record. Examples
         --------
         >>> case.draw_rig("rig.svg")
         'figure: rig.svg'
@@ -248,7 +246,7 @@ class Case(arguments.ExperimentPlanner, Value):
         Raises
         ------
         InputError
-            If no parameter is unknown, or a name of `profiles` is none.
+            If no parameter is unknown, or a name in `profiles` is not an unknown.
 
         Examples
         --------
@@ -288,14 +286,14 @@ class Case(arguments.ExperimentPlanner, Value):
         Raises
         ------
         InputError
-            If no unknown is left, or an argument is wrong.
+            If no parameter is unknown, or an argument is wrong.
 
         Examples
         --------
         >>> sorted(case.find_map(quick=True).values)
         ['k_s', 't_f']
         """
-        from bayesdrill.api.run import Best  # late: it loads all that sampling needs
+        from bayesdrill.api.run import Best  # late: it loads the libraries of sampling
         from bayesdrill.tasks import find_map
 
         workers = arguments.workers(processes)
@@ -355,7 +353,7 @@ class Case(arguments.ExperimentPlanner, Value):
         Returns
         -------
         Outcome
-            The folder, whether the run can be believed, and what could not be made.
+            The folder, whether the run can be believed, and which results are missing.
 
         Raises
         ------
@@ -368,7 +366,7 @@ class Case(arguments.ExperimentPlanner, Value):
 
         if self.columns is not None:
             way_out = "give `sample().save(folder)`, then `load` its config"
-            raise InputError.at("run", f"arrays are in no file yet; {way_out}")
+            raise InputError.at("run", f"no file contains these arrays yet; {way_out}")
         how = arguments.mode(resume=resume, force=force)
         path, workers = self.place(folder), arguments.workers(processes)
         progress = report or SILENT
@@ -445,7 +443,7 @@ class Case(arguments.ExperimentPlanner, Value):
         if not isinstance(best, Best):
             raise InputError.at("best", f"give a result of find_map, not {type(best).__name__}")
         if not equal_content(best.job.problem.posterior, self.job.problem.posterior):
-            message = "this is the maximum of another case; find that of this one"
+            message = "this is the maximum of another case; find the maximum of this one"
             raise InputError.at("best", message)
         return best.mode
 

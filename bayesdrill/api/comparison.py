@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from bayesdrill.tasks.remote import RefitExecutor
 
 
-MOST = 9  # models that a ladder may sample
+MOST = 9  # largest number of models that a ladder may sample
 
 
 @arguments.check_arguments
@@ -119,7 +119,7 @@ class Comparison(Value):
 
     @property
     def rows(self) -> tuple[OverlayRow, ...]:
-        """Return a row for each unknown: its posterior in each run, in SI, and their distance."""
+        """Return a row for each unknown: the posterior in each run, in SI, and the distance."""
         return self.report.rows
 
     @property
@@ -129,7 +129,7 @@ class Comparison(Value):
 
     @property
     def decision(self) -> ModelDecision | None:
-        """Return the decision: its `word` says what differs between models, `best` which is better."""
+        """Return the decision: `word` is its kind, and `best` is the better model."""
         return self.report.decision
 
     @property
@@ -254,12 +254,12 @@ def compare(
     """Compare models of one record by their evidence (bridge sampling, Meng and Wong 1996).
 
     The evidence is the probability of the record under a model, averaged over its priors.  So wider
-    priors lower it; see `docs/compare.md`.
+    priors lower the evidence; see `docs/compare.md`.
 
     Parameters
     ----------
     runs : sequence of Run, str or path
-        The runs, or their folders; the first is the reference of the others.
+        The runs, or their folders; the first is the reference for the others.
     names : sequence of str, optional
         Their names; by default those of the folders and cases.
 
@@ -305,7 +305,7 @@ def check_folder(
 ) -> Path:
     """Return the folder in which the `overlay` or `comparison` of `folders` would be saved.
 
-    Raises `InputError` if that cannot be used.
+    Raises `InputError` if the folder cannot be used.
     """
     places = [Path(folder).expanduser() for folder in folders]
     comparison.check_runs(comparison.FORMS[form], places)

@@ -43,16 +43,16 @@ def _bundled() -> Path:
     for path in (PACKAGE / "examples", PACKAGE.parent / "configs"):
         if (path / FILES[0]).is_file():
             return path
-    raise InputError.at(str(PACKAGE), "came without its examples; install bayesdrill again")
+    raise InputError.at(str(PACKAGE), "has no examples; install bayesdrill again")
 
 
 def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
-    """Return an issue for each file in place of a folder, and for each existing example."""
+    """Return an issue for each file where a folder is needed, and for each existing example."""
     records = folder / "records"
     wrong = [] if output_files.path_kind(records) in ("", "a folder") else [records]
     if folder.exists() and not folder.is_dir():
         wrong = [folder]
-    no_folder = "is no folder, where the examples need one"
+    no_folder = "is not a folder, but the examples need one here"
     obstacles = [(path, no_folder) for path in wrong]
     obstacles += [(path, "is there already") for path in wanted if output_files.path_kind(path)]
     return [Issue(str(path), f"{why}; move it, or give another FOLDER") for path, why in obstacles]
@@ -190,7 +190,7 @@ def init(
     limits = {"voltage": (voltage, -1e6, 1e6), "gear": (gear, 1, 1e6), "rate": (rate, 1e-6, 1e9)}
     for name, (value, least, most) in limits.items():
         if value is not None and not (least <= value <= most):
-            message = f"{short_repr(value)} is no number from {least:g} to {most:g}; write it, "
+            message = f"{short_repr(value)} is not a number from {least:g} to {most:g}; write one, "
             raise InputError.at(name, message + "such as 8 for a gear of 8:1, or leave it out")
     given = [record] if isinstance(record, str | Path) else record
     records = [Path(path).expanduser() for path in given]
@@ -213,7 +213,7 @@ def init(
     if values is not None and values.repeated:
         raise InputError(values.repeated)
     drafted = draft.guess(records, target, known, values, finding_sentences)
-    draft.check_draft_path(target, read, force=force)  # the guess took a while
+    draft.check_draft_path(target, read, force=force)  # again, as the guess took a while
     output_files.write_text(target, drafted.text)
     return drafted
 
@@ -228,7 +228,7 @@ def publish(
     pdf: bool = False,
     report: Reporter | None = None,
 ) -> Outcome:
-    """Make the tables and figures of a run again from its chain, as `bayesdrill report` does.
+    """Remake the tables and figures of a run from its chain, as `bayesdrill report` does.
 
     Parameters
     ----------
@@ -311,17 +311,17 @@ def export(
 ) -> str:
     """Export the rig of a run for a simulator, at posterior means.
 
-    It has armature, damping and dry friction of each joint, springs and motors, each with its
-    standard deviation.  JSON also has correlations and draws for randomisation.
+    The export has armature, damping and dry friction of each joint, springs and motors, each with
+    its standard deviation.  JSON also has correlations and draws for randomisation.
 
     Parameters
     ----------
     folder : str or path
         The folder of the run.
     to : {"json", "mjcf", "dcmotor"}
-        The format; MJCF is that of MuJoCo, whose motors `dcmotor` uses (since 3.5).
+        The format: `mjcf` is for MuJoCo, and `dcmotor` for MuJoCo's own motors (since 3.5).
     output : str or path, optional
-        A file to which the text is written too.
+        A file to which the text is also written.
     draws, seed : int
         The number of draws in JSON, and the seed that selects them.
     force : bool
@@ -452,7 +452,7 @@ def schema(of: str = "config") -> str:
 
 @arguments.check_arguments
 def cache(*, clear: bool = False) -> str:
-    """Describe the cache of compiled kernels, by its folder and size.
+    """Describe the cache of compiled kernels: its folder and its size.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Use a rig without a record: nominal values of its parameters, and its response."""
+"""Use a rig without a record: return nominal parameters, and simulate the response."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def respond(
         if signal.shape != times.shape or not np.isfinite(signal).all():
             issues.append(Issue(f"inputs.{name}", "give one number for each of the times"))
     if not signals:
-        issues.append(Issue("signals", "none is named; name a state, or a sum of states"))
+        issues.append(Issue("signals", "no signal is named; name a state, or a sum of states"))
     raise_if_any(issues)
     experiment = Experiment(
         t=frozen(times),

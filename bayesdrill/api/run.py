@@ -1,4 +1,4 @@
-"""Results of a case are the maximum, the sampled posterior, its report, and figures."""
+"""Define the results of a case: the maximum, the sampled posterior, reports and figures."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ DPI = 200  # resolution of figures in notebooks, which is sharp on most screens
 
 
 def for_notebooks(figure: Figure) -> Figure:
-    """Return the figure with a picture of its own for the last line of a cell."""
-    # A notebook shows figures without this only after pyplot was loaded, which the package never does.
+    """Return the figure, able to show itself as the last line of a notebook's cell."""
+    # Notebooks show figures without this only if pyplot is loaded, which this package never does.
     figure._repr_png_ = partial(_as_png, figure)  # type: ignore[attr-defined]
     return figure
 
@@ -68,7 +68,7 @@ def _drawn(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> 
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Best(Value):
-    """A best fit is the maximum of the posterior (MAP), which `case.find_map()` returns.
+    """A best fit is the maximum of the posterior (MAP) that `case.find_map()` returns.
 
     `print` shows its values and residuals.  Look at `reasons` and `plot()` before sampling: a model that
     does not fit has no useful posterior.
@@ -107,7 +107,7 @@ class Best(Value):
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return the reasons not to believe the maximum, such as a bad fit; empty without any."""
+        """Return reasons not to believe the maximum, such as a bad fit; empty if there are none."""
         return self._report.reasons
 
     @cached_property
@@ -177,7 +177,7 @@ class Best(Value):
         folder : str or path
             The folder, which is made if needed.
         force : bool
-            Whether to replace a maximum that is there.
+            Whether to replace an earlier maximum.
 
         Returns
         -------
@@ -229,7 +229,7 @@ class Candidates(Value):
         path : str or path
             The file of the new config.
         force : bool
-            Whether to replace a file that is there.
+            Whether to replace an existing file.
 
         Returns
         -------
@@ -239,7 +239,7 @@ class Candidates(Value):
         Raises
         ------
         InputError
-            If a file is there without `force`, or the record is in no file.
+            If the file exists and `force` is not given, or if no file contains the record.
         """
         target = Path(path).expanduser()
         if self.recommended is None:
@@ -248,7 +248,7 @@ class Candidates(Value):
         return target
 
     def __str__(self) -> str:
-        return self.table or "the residuals look like the noise: no other model is tried"
+        return self.table or "the residuals look like the noise, so no other model is tried"
 
 
 @arguments.check_arguments
@@ -300,7 +300,7 @@ class Run(arguments.ExperimentPlanner, SampledRun):
 
     @property
     def evidence(self) -> Evidence | None:
-        """Return the evidence: its natural logarithm `log_z` and standard `error`; None without one."""
+        """Return the evidence (natural logarithm `log_z`, standard `error`), or None."""
         return self.sampled.evidence
 
     @property
@@ -385,14 +385,14 @@ class Run(arguments.ExperimentPlanner, SampledRun):
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
         """Save tables, figures, chain and config, as `bayesdrill posterior` does.
 
-        A warning names what could not be made.
+        A warning names the results that could not be made.
 
         Parameters
         ----------
         folder : str or path
             The folder, which is made if needed.
         force : bool
-            Whether to replace results that are there.
+            Whether to replace earlier results.
 
         Returns
         -------
@@ -443,7 +443,7 @@ class RunReport(Value):
 
     @property
     def verdict(self) -> Verdict | None:
-        """Return the verdict on the nominal values; None if no unknown has one."""
+        """Return the verdict on the nominal values; None if no unknown has a nominal value."""
         judgement = self.view.analysis.judged
         return None if judgement is None else judgement.verdict
 

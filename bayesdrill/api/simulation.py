@@ -11,12 +11,12 @@ from bayesdrill.api import arguments
 from bayesdrill.api.campaign import is_campaign
 from bayesdrill.basics.errors import InputError
 
-MOST_SAID = 20  # files that are listed
+MOST_SAID = 20  # largest number of listed files
 
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """A simulated record is in files, each with its number of samples."""
+    """A simulated record consists of files, each with a number of samples."""
 
     files: Mapping[Path, int]
 
@@ -32,7 +32,7 @@ class Simulated:
 
     @property
     def said(self) -> str:
-        """Return a line for each of the first files, and how many more there are."""
+        """Return a line for each of the first files, and the number of the others."""
         lines = [f"{path}: {samples} samples" for path, samples in self.files.items()]
         more = [f"... and {len(lines) - MOST_SAID} more"] if len(lines) > MOST_SAID else []
         return "\n".join([*lines[:MOST_SAID], *more])
@@ -48,12 +48,12 @@ def simulate(
 ) -> Simulated:
     """Simulate the record of a config and write it as CSV: the response with noise.
 
-    Of a campaign, all records, their table and the true parameters (`truth.csv`) are written.
+    For a campaign, this writes all records, their table and the true parameters (`truth.csv`).
 
     Parameters
     ----------
     config : str or path
-        The config, or the file of a campaign, whose section `simulation:` has the values.
+        The config or the campaign's file; its section `simulation:` has the true values.
     output : str or path, optional
         The file, or the folder for several experiments; by default the record that the config names.
         A campaign names its files.
@@ -70,7 +70,7 @@ def simulate(
     Raises
     ------
     InputError
-        If the config is wrong or a file exists; then nothing is written.
+        If the config is wrong or a file exists; nothing is written in this case.
 
     Examples
     --------

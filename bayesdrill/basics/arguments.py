@@ -1,7 +1,7 @@
-"""Check arguments against annotations: the type of each, and whether a text can be a path.
+"""Check types of arguments against annotations, and whether a text can be a path.
 
-Ranges and names are checked by each function itself.  `pydantic.validate_call` would need the types
-that modules import for type checkers alone, and a schema of every record that is an argument.
+Each function checks ranges and names itself.  `pydantic.validate_call` would need types that
+modules import only for type checkers, and a schema of each record that is an argument.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ def check_arguments[T](target: T) -> T:
     """Decorate a function, or all public methods of a class, to check arguments against annotations.
 
     The call raises `InputError` with every argument of a wrong type at once.  A message for one type
-    is given by `Annotated[type, "what to give"]`.  A type that a module imports for annotations alone
-    accepts anything.
+    is given by `Annotated[type, "what to give"]`.  If a module imports a type only for type
+    checkers, any argument is accepted.
     """
     if not isinstance(target, type):
         return cast("T", _guarded(cast("Callable[..., Any]", target)))
@@ -57,7 +57,7 @@ def _guarded(call: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.cache
     def hints() -> Mapping[str, Any]:
-        # A name that the module has only for type checkers accepts anything.
+        # A name that is imported only for type checkers accepts any argument.
         names = defaultdict[str, Any](lambda: Any, vars(builtins) | call.__globals__)
         return typing.get_type_hints(call, {}, names, include_extras=True)
 
@@ -110,7 +110,7 @@ def _fits(value: Any, hint: Any) -> bool:
 
 
 def _in_words(choices: Sequence[Any]) -> str:
-    paths = Path in choices  # a path may be given as a text, which need not be said
+    paths = Path in choices  # a text may be a path; messages do not mention this
     return " or ".join(_word(choice) for choice in choices if choice is not str or not paths)
 
 

@@ -1,4 +1,4 @@
-"""Define types of arrays by their numbers: floats, flags, indices and counts."""
+"""Define types of arrays by the kind of their numbers: floats, flags, indices and counts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Counts = NDArray[np.int64]
 
-PART = 1 << 18  # numbers of a long series that are checked at a time, which limits the memory
+PART = 1 << 18  # numbers of a long series that are checked at a time, to limit the memory
 
 
 class _Stored:

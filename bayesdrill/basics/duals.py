@@ -1,8 +1,8 @@
 """Compute with dual numbers, which carry exact derivatives, and with numbers of any kind.
 
-Formulas use these functions with + - * / for arrays, dual numbers and registers of a kernel.  A kind
-of number with its own implementation is a `Number`, and a comparison of two returns a `Choice`;
-for others NumPy's functions are used.
+Formulas use these functions with + - * / for arrays, dual numbers and registers of a kernel.  A
+kind of number with its own implementation is a `Number`, and a comparison of two returns a
+`Choice`.  All other kinds use NumPy's functions.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Dual:
-    """A dual number has a value and a derivative, of any kind of number that supports arithmetic."""
+    """A dual number has a value and a derivative, which are numbers of any kind."""
 
     value: Any
     slope: Any
@@ -57,7 +57,7 @@ class Dual:
         return dual(other) / self
 
     def __pow__(self, power: float) -> Dual:
-        if not isinstance(power, int) or power < 1:  # only numbers and arrays have such powers
+        if not isinstance(power, int) or power < 1:  # only numbers and arrays have these powers
             slope = power * self.value ** (power - 1) * self.slope
             return Dual(self.value**power, slope)
         result = self
@@ -84,12 +84,12 @@ class Dual:
 
 
 def dual(number: Any) -> Dual:
-    """Return a number as a `Dual`, with slope zero if it has none."""
+    """Return a number as a `Dual`; the slope of a plain number is zero."""
     return number if isinstance(number, Dual) else Dual(number, 0.0)
 
 
 def linear_map(function: Callable[..., Any], *numbers: Any) -> Any:
-    """Apply a linear function to plain numbers, or to duals, whose slopes it maps in the same way."""
+    """Apply a linear function to plain numbers, or to values and slopes of duals."""
     if not all(isinstance(number, Dual) for number in numbers):
         return function(*numbers)
     values, slopes = zip(*((number.value, number.slope) for number in numbers), strict=True)
@@ -97,7 +97,7 @@ def linear_map(function: Callable[..., Any], *numbers: Any) -> Any:
 
 
 def affine_map(function: Callable[[Any], Any], number: Any) -> Any:
-    """Return an affine function of an array, or of one that has slopes, with its slope."""
+    """Return an affine function of an array, or of a dual, with the slope."""
     if not isinstance(number, Dual):
         return function(number)
     still = function(np.zeros_like(number.slope))
@@ -107,14 +107,14 @@ def affine_map(function: Callable[[Any], Any], number: Any) -> Any:
 def elementwise(
     function: Callable[[Any], Any], derivative: Callable[[Any], Any], number: Any
 ) -> Any:
-    """Return a function of an array of numbers, or of one that has slopes, with its slope."""
+    """Return a function of an array of numbers, or of a dual, with the slope."""
     if not isinstance(number, Dual):
         return function(number)
     return Dual(function(number.value), derivative(number.value) * number.slope)
 
 
 class Number(ABC):
-    """Such a number has its own implementation of the functions of this module."""
+    """A number of this kind has its own implementation of the functions of this module."""
 
     __slots__ = ()
 
@@ -144,7 +144,7 @@ class Number(ABC):
 
 
 class Choice(ABC):
-    """A comparison of two `Number`s has such a result."""
+    """A choice is the result of a comparison of two `Number`s."""
 
     __slots__ = ()
 
@@ -186,7 +186,7 @@ def where(mask: Any, yes: Any, no: Any) -> Any:
 
 
 def size(number: Any) -> Any:
-    """Return the absolute value; at zero its slope is that of positive numbers."""
+    """Return the absolute value; its slope at zero is 1."""
     if isinstance(number, Number):
         return number.size()
     return where(below(number, 0.0), -number, number)

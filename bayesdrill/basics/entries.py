@@ -1,4 +1,4 @@
-"""Describe entries of a config: numbers with bounds, and those of members of registries.
+"""Describe entries of a config: bounded numbers, and entries of members of registries.
 
 A member (a rig, a noise, an optimiser) is a dataclass, and each of its `Annotated` fields is an entry
 of the config, such as `i_m: Positive = 0.125`.
@@ -20,13 +20,13 @@ from bayesdrill.basics.errors import InputError, Issue, short_repr
 
 
 class Strict(BaseModel):
-    """A section of a config must have no unknown keys, and no values of other types.
+    """A section of a config refuses unknown keys, and values of wrong types.
 
-    An entry is described by its `Field`, or by a string below it.
+    A `Field`, or a string below an entry, describes the entry.
     """
 
     model_config = ConfigDict(
-        defer_build=True,  # only processes that read a config need the validators
+        defer_build=True,  # processes that read no config need no validators
         extra="forbid",
         strict=True,
         frozen=True,
@@ -35,7 +35,7 @@ class Strict(BaseModel):
     )
 
 
-# Bounds of every number in a config, which no rig exceeds; squares and ratios stay finite.
+# No rig exceeds these bounds of numbers in a config, whose squares and ratios are finite.
 SMALLEST, LARGEST = 1e-30, 1e30
 MAX_COUNT = 1_000_000  # largest count in a config
 
@@ -43,17 +43,17 @@ Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
 Count = Annotated[int, Field(ge=1, le=MAX_COUNT)]
-Latex = Annotated[str, Field(max_length=200)]  # Matplotlib takes very long to draw longer texts
+Latex = Annotated[str, Field(max_length=200)]  # Matplotlib draws longer texts very slowly
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class NoEntries:
-    """A member may have no entries."""
+    """A member without entries has this class."""
 
 
 @functools.cache
 def entries_of(kind: type) -> Mapping[str, Any]:
-    """Return the annotation of each entry of a member; raises `ValueError` if it is no dataclass."""
+    """Return the annotations of a member's entries; raises `ValueError` if it is no dataclass."""
     if not dataclasses.is_dataclass(kind):
         raise ValueError(f"{getattr(kind, '__name__', kind)} is no dataclass")
     hints = typing.get_type_hints(kind, include_extras=True)
@@ -63,7 +63,7 @@ def entries_of(kind: type) -> Mapping[str, Any]:
 
 @functools.cache
 def entries_model(kind: Any) -> type[Strict]:
-    """Return the pydantic model of all entries of a member; raises if one cannot be an entry."""
+    """Return the pydantic model of a member's entries; raises if a field cannot be an entry."""
     fields: dict[str, Any] = {name: (hint, ...) for name, hint in entries_of(kind).items()}
     return create_model("Entries", __base__=Strict, **fields)
 
@@ -85,7 +85,7 @@ def set_constants(member: Any) -> None:
 
 
 def _annotated(hint: Any) -> bool:
-    """Return whether a type, or a member of a union, is `Annotated`."""
+    """Return whether a type is `Annotated`, or a union with such a type."""
     return typing.get_origin(hint) is Annotated or any(map(_annotated, _choices(hint)))
 
 
@@ -104,7 +104,7 @@ def _about(hint: Any) -> str:
 def with_member_entries[B: Strict](
     key: str, members: Mapping[str, type]
 ) -> Callable[[type[B]], type[B]]:
-    """Return a decorator of a section: it adds the optional entries of all members.
+    """Return a decorator that adds the entries of all members to a section, as optional ones.
 
     The entry `key` of the section names a member.
     """
@@ -120,7 +120,7 @@ def _with_member_entries[B: Strict](
     )
     fields: dict[str, Any] = {key: (key_field.annotation, named)}
     for entry, having in members_by_entry(members).items():
-        if entry in base.model_fields:  # an entry of another package must not replace one of ours
+        if entry in base.model_fields:  # other packages must not replace entries of this one
             continue
         kind = members[having[0]]
         hint = entries_of(kind)[entry]
@@ -143,7 +143,7 @@ def members_by_entry(members: Mapping[str, type]) -> dict[str, list[str]]:
 
 
 def build_member[T](kind: type[T], section: Strict) -> T:
-    """Build a member from the entries of its section, with its defaults for the others."""
+    """Build a member from the entries of its section; other entries have defaults."""
     given = {entry: getattr(section, entry) for entry in entries_of(cast("Hashable", kind))}
     return kind(**{entry: value for entry, value in given.items() if value is not None})
 
@@ -151,9 +151,9 @@ def build_member[T](kind: type[T], section: Strict) -> T:
 def unknown_keys(
     choice: tuple[str, str], members: Mapping[str, type], kind: type, section: Strict
 ) -> dict[str, str]:
-    """Return the entries of a section that `kind` does not have, each with a message for the user.
+    """Return the entries of a section that `kind` lacks, each with a message for the user.
 
-    `choice` has the entry that names a member, and a word for such members.
+    `choice` is the entry that names a member, and a noun for such members.
     """
     (key, what), known = choice, entries_of(kind)
     name = getattr(section, key)

@@ -11,9 +11,9 @@ import numpy as np
 
 
 class Value:
-    """A value is a frozen dataclass (`eq=False`) equal by its fields; pickles omit its caches.
+    """A value is a frozen dataclass (`eq=False`) compared by its fields; pickles omit caches.
 
-    One with a text of its own (`repr=False`) is shown as that text at a prompt, too.
+    A value with a text of its own (`repr=False`) shows this text at a prompt, too.
     """
 
     __slots__ = ()
@@ -25,7 +25,7 @@ class Value:
         return equal_content(self, other) if type(other) is type(self) else NotImplemented
 
     def __hash__(self) -> int:
-        return hash(type(self))  # fields may have no hash; sets compare their few members
+        return hash(type(self))  # fields may have no hash, and sets are small
 
     def __getstate__(self) -> dict[str, Any]:
         fields = dataclasses.fields(self)  # type: ignore[arg-type]  # subclasses are dataclasses

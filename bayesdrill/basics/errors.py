@@ -9,13 +9,13 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-MAX_VALUE_LETTERS = 60  # most letters of a value in a message
-MAX_REASON_LETTERS = 120  # most letters of a library's message, which may quote half of a file
+MAX_VALUE_LETTERS = 60  # largest length of a value in a message
+MAX_REASON_LETTERS = 120  # largest length of a library's message, which may quote half a file
 
 
 @dataclass(frozen=True, slots=True)
 class Issue:
-    """A mistake has a `place` (file, line, entry), and a `message` with the value and the way out."""
+    """An issue has a `place` (file, line, entry) and a `message` with the value and the way out."""
 
     place: str
     message: str
@@ -43,7 +43,7 @@ class InputError(Exception):
 
     def __init__(self, problems: Sequence[Issue]) -> None:
         self.problems = tuple(problems)
-        super().__init__(self.problems)  # the argument with which it is unpickled in a process
+        super().__init__(self.problems)  # the argument for unpickling in another process
 
     def __str__(self) -> str:
         return "\n".join(str(problem) for problem in self.problems)
@@ -56,13 +56,13 @@ class InputError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class ErrorCollector:
-    """An error collector keeps failures in `missing`, so that the remaining results are still made."""
+    """An error collector keeps failures in `missing`, so that other results can still be made."""
 
     missing: list[str] = field(default_factory=list)
 
     @contextmanager
     def making(self, what: str) -> Iterator[None]:
-        """Record an error inside as a failure of `what`; a full disk or a killed worker is raised."""
+        """Record an error inside as a failure of `what`; a full disk or a killed worker raises."""
         try:
             yield
         except (OSError, MemoryError, BrokenExecutor):
@@ -88,7 +88,7 @@ def report_damage(place: str, message: str) -> Iterator[None]:
 
 
 def collect_each[T, S](function: Callable[[T], S], items: Iterable[T]) -> list[S]:
-    """Apply a function to each item; raises `InputError` with the mistakes of all, each once."""
+    """Apply a function to each item; raises `InputError` with all mistakes, each once."""
     results: list[S] = []
     problems: list[Issue] = []
     for item in items:
@@ -105,7 +105,7 @@ def short_repr(value: object) -> str:
     """Return the `repr` of any value for a message, shortened to one line."""
     try:
         text = " ".join(repr(value).split())
-    except Exception:  # integers of thousands of digits, and objects with a faulty `repr`
+    except Exception:  # huge integers, and objects with a faulty `repr`
         return f"what is given, of type {type(value).__name__},"
     return shortened(text)
 
@@ -116,20 +116,20 @@ def shortened(text: str, most: int = MAX_VALUE_LETTERS) -> str:
 
 
 def count_noun(n: int, singular: str, plural: str = "") -> str:
-    """Return a count with its noun, and a verb if both are given: `1 sample`, `2 samples are`."""
+    """Return a count with its noun, which may include a verb: `1 sample`, `2 samples are`."""
     return f"{n} {singular}" if n == 1 else f"{n} {plural or singular + 's'}"
 
 
 class Stopped(KeyboardInterrupt):
-    """The exception says that a signal asks to stop; other packages may raise `KeyboardInterrupt`."""
+    """A signal asks to stop; other packages may raise `KeyboardInterrupt` for other reasons."""
 
 
 class Interrupted(Exception):
-    """The exception says that user or system asked to stop, and how to continue. Exit status 130."""
+    """The user or the system asked to stop; the message says how to continue. Exit status 130."""
 
 
 def was_stopped(error: BaseException | None) -> bool:
-    """Return whether a signal asked to stop, even if native code turned that into another error."""
+    """Return whether a signal caused an error, even if native code raised another kind."""
     return isinstance(error, Stopped) or (error is not None and was_stopped(error.__context__))
 
 

@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A finding is something that looks wrong, with the names and numbers that its sentence has.
+    """A finding is something that looks wrong, with the names and numbers for its sentence.
 
-    kind: which sentence says it
-    names: names, units and parts, by the places that they have in the sentence
-    numbers: numbers, by the places that they have in the sentence
-    rows: several numbers of each unknown, or of each ensemble
+    kind: the key of its sentence names: names, units and parts, by their placeholders in the
+    sentence numbers: numbers, by their placeholders in the sentence rows: several numbers of each
+    unknown, or of each ensemble
     """
 
     kind: str

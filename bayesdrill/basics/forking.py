@@ -1,4 +1,4 @@
-"""Start worker processes that are forked from a server of this package alone."""
+"""Fork worker processes from a server that belongs to this package."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Server(forkserver.ForkServer):
     def ensure_running(self) -> None:
         """Start a server if this process was forked from its owner, or if its socket was removed.
 
-        Old temporary files are removed on many systems while a notebook is open.
+        Many systems remove old temporary files, such as the socket, while a notebook is open.
         """
         address: Any = getattr(self, "_forkserver_address", None)
         if self._owner != os.getpid() or (address and not os.path.exists(address)):
@@ -34,7 +34,7 @@ SERVER = Server()
 
 
 class _Popen(popen_forkserver.Popen):
-    # The standard library asks its one server, which is a global name, for a process.
+    # The standard library asks the server in this global variable for a process.
     _launch = FunctionType(
         popen_forkserver.Popen._launch.__code__,  # type: ignore[attr-defined]
         {**vars(popen_forkserver), "forkserver": SERVER},

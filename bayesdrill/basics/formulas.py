@@ -1,6 +1,6 @@
 """Parse formulas and linear combinations; their text is never executed as Python.
 
-An example of a formula is `pi*G*d**4/(32*L)`, and of a combination `theta_1 - theta_2`.  They may
+Examples are the formula `pi*G*d**4/(32*L)` and the combination `theta_1 - theta_2`.  Both may
 contain numbers, names, `+ - * / **`, `pi`, `sqrt`, `exp` and `log`.
 """
 
@@ -22,8 +22,8 @@ from bayesdrill.basics.errors import did_you_mean, shortened
 FUNCTIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
     {"sqrt": np.sqrt, "exp": np.exp, "log": np.log}
 )
-MAX_TERMS = 1000  # most numbers, names and operations of a formula
-MAX_DEPTH = 100  # most nested operations; a sum of n terms has n - 1
+MAX_TERMS = 1000  # largest count of numbers, names and operations in a formula
+MAX_DEPTH = 100  # largest depth of operations; a sum of n terms has n - 1
 RESERVED = frozenset({"pi", *FUNCTIONS})
 
 _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxyType(
@@ -56,7 +56,7 @@ class Expression:
 
     @property
     def positive(self) -> bool:
-        """Tell whether positive names always make the formula positive; a sum counts as no."""
+        """Return whether the formula is surely positive if its names are; False for differences."""
         return _is_positive(self.tree)
 
     def renamed(self, names: Mapping[str, str]) -> Expression:
@@ -95,7 +95,7 @@ def _readable(text: str, example: str) -> Iterator[None]:
 
 
 class RelationError(ValueError):
-    """The exception says that the relation of `name` cannot be resolved together with the others."""
+    """The relation of `name` cannot be resolved together with the others."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)
@@ -103,7 +103,7 @@ class RelationError(ValueError):
 
 
 def resolve_relations(relations: Mapping[str, Expression]) -> dict[str, Expression]:
-    """Substitute relations into each other until their names have none; raises `RelationError`."""
+    """Substitute relations into each other until only free names remain; raises `RelationError`."""
     done: dict[str, Expression] = {}
 
     def resolve(name: str, path: tuple[str, ...]) -> Expression:
@@ -131,7 +131,7 @@ def _check_size(tree: ast.expr) -> None:
         depth, count = depth + 1, count + len(level)
         if depth > MAX_DEPTH or count > MAX_TERMS:
             most = f"more than {MAX_DEPTH} terms or {MAX_TERMS} numbers and names"
-            whose = "those of the formulas that it names among them"
+            whose = "including those of the formulas that it names"
             raise ValueError(f"this formula has {most}, {whose}; write a shorter one")
         below = (inner for node in level for inner in ast.iter_child_nodes(node))
         level = [inner for inner in below if isinstance(inner, ast.expr)]
@@ -185,7 +185,7 @@ def _value(node: ast.expr, named: Mapping[str, Any]) -> Any:
             return _OPERATORS[type(op)](_value(left, named), _value(right, named))
         case ast.Call(func=ast.Name(id=name), args=[argument]):
             inner = _value(argument, named)
-            # Dual numbers have methods of these names.
+            # Dual numbers have methods with these names.
             method = getattr(inner, name, None)
             return FUNCTIONS[name](inner) if method is None else method()
     raise AssertionError(ast.dump(node))
@@ -197,7 +197,7 @@ def _power(node: ast.expr) -> int | float:
 
 
 def _is_positive(node: ast.expr) -> bool:
-    """Evaluate a formula without names, and recognise products of powers by their form."""
+    """Return whether a formula is positive: a number, or a product of powers of names."""
     with suppress(KeyError), np.errstate(all="ignore"):
         return bool(0 < _value(node, {}) < math.inf)
     match node:
@@ -229,7 +229,7 @@ def linear_combination(text: str, known: Iterable[str]) -> dict[str, float]:
         raise ValueError(f"{shown} has a constant term; {_ONLY_SUMS}")
     weights = {name: weight for name, weight in weights.items() if weight != 0.0}
     if not weights:
-        raise ValueError(f"{shown} is zero whatever the states are; name one of {', '.join(names)}")
+        raise ValueError(f"{shown} is zero for all states; name one of {', '.join(names)}")
     if not all(map(math.isfinite, weights.values())):
         raise ValueError(f"{shown} has an infinite weight; write a smaller number")
     return weights

@@ -18,7 +18,7 @@ from pydantic_core import to_jsonable_python
 
 _adapter: Callable[[Any], TypeAdapter[Any]] = cache(
     TypeAdapter
-)  # one for each kind, when it is read
+)  # one adapter for each kind, built when it is first read
 
 
 def as_data(value: Any) -> Any:
@@ -27,17 +27,17 @@ def as_data(value: Any) -> Any:
     def plain(content: Any) -> Any:
         return dict(content) if isinstance(content, Mapping) else content.tolist()
 
-    # Numbers that are not finite become strings.  Names of files may be no UTF-8, as JSON here is ASCII.
+    # Numbers that are not finite become strings.  ASCII allows file names that are not UTF-8.
     text = json.dumps(to_jsonable_python(value, fallback=plain))
     return json.loads(text, parse_constant=str)
 
 
 def from_data[T](kind: type[T], data: Any, *, strict: bool = False) -> T:
-    """Convert data of `as_data` back to a record, or typed mapping, of this kind.
+    """Convert the data of `as_data` back to a record or typed mapping of this kind.
 
-    Raises `ValueError` for wrong names or types, and with `strict` also for numbers as strings.
+    Raises `ValueError` for wrong names or types; `strict` also refuses numbers in strings.
     """
-    # Lone surrogates, as in the name of a file, are replaced, since pydantic rejects them.
+    # Pydantic rejects lone surrogates, as in names of files, so they are replaced.
     text = json.dumps(data, ensure_ascii=False).encode("utf-8", "replace")
     record: T = _adapter(kind).validate_json(text, strict=strict)
     return record

@@ -1,11 +1,10 @@
-"""Start worker processes: forked from a server that has loaded what they need, or afresh.
+"""Start worker processes, forked from a server with loaded libraries, or fresh ones.
 
-A process that has threads, such as that of a notebook, cannot be forked safely.  On Linux workers are
-therefore forked from a server (`multiprocessing.forkserver`), which is a fresh process with one
-thread.  It loads the libraries once for all workers, while its parent reads config and record.  The
-applications that use this package may have another server, with other libraries and other limits.
-Where no server can be started, each worker is a fresh process; so it is on other systems, whose own
-libraries start threads.
+A process that has threads, such as that of a notebook, cannot be forked safely.  On Linux workers
+are therefore forked from a server (`multiprocessing.forkserver`), a fresh process with one thread.
+The server loads the libraries once for all workers, while its parent reads config and record.  An
+application that uses this package may have another server, with other libraries and limits.  If no
+server can be started, and on systems whose libraries start threads, each worker is a fresh process.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ from multiprocessing.context import BaseContext
 
 FORKED = sys.platform == "linux"
 SPAWN = multiprocessing.get_context("spawn")
-PRELOADED = "bayesdrill.sampling.preloaded"  # the module that loads what workers need
+PRELOADED = "bayesdrill.sampling.preloaded"  # module that loads the workers' libraries
 STOPPING = ("SIGINT", "SIGHUP", "SIGTERM")
-# The server has one thread, so that its memory can be forked; so have its workers.
+# Only a server with one thread can be forked.  Its workers have one thread, too.
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
 STARTING = threading.Lock()  # several threads may start workers
 
@@ -36,7 +35,7 @@ def available_processors() -> int:
 
 @contextmanager
 def held_signals() -> Iterator[None]:
-    """Block signals that end a run in this context, and in processes that are started inside."""
+    """Block signals that end a run, here and in processes that this context starts."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -63,12 +62,12 @@ def environment(changes: Mapping[str, str]) -> Iterator[None]:
 def start_server() -> BaseContext:
     """Start the server unless it runs, without waiting for it; return the context of workers.
 
-    Workers of this context are forked from the server, or fresh if it cannot be started: its socket
-    needs a directory for temporary files, whose path has at most some 80 bytes.
+    Workers of this context are forked from the server, or fresh if the server cannot start: its
+    socket needs a temporary directory with a path of at most some 80 bytes.
     """
     with STARTING:
-        # The resource tracker survives a run that is killed, and removes its semaphores.  Its warning
-        # would appear on a terminal where the next run has begun.
+        # The resource tracker survives a killed run and removes its semaphores.  The tracker's
+        # warning would appear on the terminal of the next run.
         with held_signals():
             sys.warnoptions.append("ignore:resource_tracker")
             try:
@@ -79,11 +78,11 @@ def start_server() -> BaseContext:
             return SPAWN
         from bayesdrill.basics import forking
 
-        # The server imports from where this process does, and never from the current directory,
-        # which may contain a `corner.py` of the user.
+        # The server has the import path of this process, without the current directory, which may
+        # contain a `corner.py` of the user.
         path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
         own = {**ONE_THREAD, "PYTHONPATH": path, "PYTHONSAFEPATH": "1"}
-        try:  # starting the tracker has released the signals
+        try:  # the start of the tracker unblocked the signals
             forking.SERVER.set_forkserver_preload([PRELOADED])
             with held_signals(), environment(own):
                 forking.SERVER.ensure_running()

@@ -21,7 +21,7 @@ class Reporter(Protocol):
         """Print a line."""
 
     def update(self, fraction: float, text: str) -> None:
-        """Show the completed fraction of a stage, and a text; 0 begins a stage, and 1 ends it."""
+        """Show a text and the completed fraction of a stage; 0 begins the stage, and 1 ends it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ SILENT = Silent()
 
 @dataclass(slots=True)
 class Lines:
-    """The reporter prints a line a stage, and one every `interval` seconds, for files and logs."""
+    """The reporter prints a line per stage, and one every `interval` seconds, for log files."""
 
     stream: TextIO
     interval: float = 10.0
@@ -106,7 +106,7 @@ def _time_left(elapsed: float, fraction: float) -> str:
 
 @contextmanager
 def reporter() -> Iterator[Reporter]:
-    """Yield a bar on a terminal, lines elsewhere, or a silent reporter without stderr."""
+    """Yield a bar if stderr is a terminal, otherwise lines; without stderr, a silent reporter."""
     if sys.stderr is None:
         yield Silent()
         return

@@ -1,4 +1,4 @@
-"""Look up members by name, also from other packages, and import public names lazily."""
+"""Look up members by name, including those of other packages; import public names lazily."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def lazy_attributes(package: str) -> Callable[[str], Any]:
     """Return a `__getattr__` for a package that imports each of its `public_names` at first use."""
 
     def find(name: str) -> Any:
-        known = {} if name.startswith("__") else public_names(package)  # Python asks for `__path__`
+        known = {} if name.startswith("__") else public_names(package)  # e.g. `__path__`
         if name not in known:
             raise AttributeError(f"{package} has no {name}; it has {', '.join(known)}")
         return getattr(importlib.import_module(known[name]), name)
@@ -46,9 +46,9 @@ def check_callable(_: str, member: Any) -> None:
 
 
 class Registry[T](Mapping[str, T]):
-    """A registry has members of the kind `what`: of this package, then entry points of others.
+    """A registry has members of the kind `what`: those of this package, then entry points.
 
-    A member of another package is loaded at first use, which raises `ValueError` if that fails.  It
+    A member of another package is loaded at first use; `ValueError` is raised if this fails.  It
     cannot replace a member of this package with the same name.
     """
 
@@ -79,7 +79,7 @@ class Registry[T](Mapping[str, T]):
             member: T = entry_point.load()
             if self._judge is not None:
                 self._judge(entry_point.name, member)
-        except BaseException as error:  # code of another package may raise anything
+        except BaseException as error:  # code of another package may raise any exception
             if was_stopped(error):
                 raise
             failure = f"cannot be used from {entry_point.value}"
@@ -108,8 +108,8 @@ _entry_points = cache(entry_points)  # searching all installed packages takes so
 
 
 def blamed_package(error: BaseException) -> str:
-    """Return a message that names the other package from which an error comes; empty for none."""
-    text = "".join(traceback.format_exception(error))  # it includes the traceback of a worker
+    """Return a message that names the other package that caused an error, or an empty text."""
+    text = "".join(traceback.format_exception(error))  # the text includes the traceback of a worker
     for entry_point in _entry_points():
         top = entry_point.module.partition(".")[0]
         file = getattr(sys.modules.get(top), "__file__", None)
@@ -126,16 +126,16 @@ def _blame(entry_point: EntryPoint, failure: str, error: BaseException) -> str:
     package = entry_point.dist.name if entry_point.dist else "an installed package"
     try:
         reason = str(error)
-    except Exception:  # `__str__`, too, is code of another package
+    except Exception:  # `__str__` is code of another package, too
         reason = ""
     if not reason or not isinstance(error, ValueError):
         reason = f"{type(error).__name__}: {reason}".removesuffix(": ")
-    brought = f"{entry_point.name} is brought by {package}"
+    brought = f"{entry_point.name} comes from {package}"
     return f"{brought}, and {failure} ({reason}); repair or remove that package"
 
 
 def lookup[T](members: Mapping[str, T], name: str, what: str) -> T:
-    """Return the member with a name; raises `ValueError` with the most similar known name."""
+    """Return the member with this name; raises `ValueError` with the most similar known name."""
     if name not in members:
         raise ValueError(f"'{name}' is not a {what}{did_you_mean(name, members)}")
     return members[name]

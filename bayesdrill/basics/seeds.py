@@ -1,4 +1,4 @@
-"""Make independent random streams for each purpose, all from one integer seed."""
+"""Make an independent random stream for each purpose, all from one integer seed."""
 
 from __future__ import annotations
 

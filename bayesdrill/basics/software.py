@@ -8,19 +8,19 @@ from importlib.resources import files
 
 import bayesdrill
 
-# Another version of these packages may change the last bits of a chain, through random streams and
-# sums (numpy), priors (scipy), steps (emcee) or compiled models (llvmlite).
+# Other versions of these packages may change the last bits of a chain, by random streams and sums
+# (numpy), priors (scipy), steps (emcee) or compiled models (llvmlite).
 DECISIVE = ("numpy", "scipy", "emcee", "llvmlite")
 PACKAGES = (*DECISIVE, "arviz-stats", "arviz-base", "h5py")
 
 
 def installed_versions() -> dict[str, str]:
-    """Return the versions of this package and of those that results depend on."""
+    """Return the versions of this package and of the packages on which results depend."""
     return {"bayesdrill": bayesdrill.__version__, **{name: version(name) for name in PACKAGES}}
 
 
 def version_differences(used: Mapping[str, str], wanted: Mapping[str, str]) -> list[str]:
-    """Return a text for each package whose `used` version is not the `wanted` one."""
+    """Return a text for each package whose `used` version differs from the `wanted` one."""
     return [f"{k} {used.get(k)} instead of {v}" for k, v in wanted.items() if used.get(k) != v]
 
 

@@ -13,18 +13,17 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
 
-# The unit of the speed of a coordinate, by the unit of the coordinate.
+# Unit of a speed, by the unit of its coordinate.
 SPEED_UNITS: Mapping[str, str] = MappingProxyType({"rad": "rad/s", "m": "m/s"})
 
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """A quantity has an SI unit in pint's notation, LaTeX, and LaTeX of its unit.
+    """A symbol has an SI unit in pint's notation, LaTeX, and LaTeX of its unit.
 
-    `held` is the range of values at which a parameter may be fixed. An unknown one is positive, unless
-    it may have `any` value, such as an angle.
-    `at_most` is its upper bound.  `typical` quotes SI values of known rigs with their sources.
-    `drives` marks an input without which the rig would not move.
+    `held` is the range of values at which a parameter may be fixed. An unknown is positive, unless
+    it may have `any` value, such as an angle. `at_most` is the upper bound.  `typical` quotes SI
+    values of known rigs with their sources. `drives` marks an input that moves the rig.
     """
 
     name: str
@@ -35,11 +34,11 @@ class Symbol:
     held: Literal["positive", "not negative", "any"] = "positive"
     at_most: float = math.inf
     typical: str = ""
-    drives: bool = field(default=False, repr=False)  # fingerprints of runs contain the `repr`
+    drives: bool = field(default=False, repr=False)  # `repr` is part of fingerprints of runs
 
     @property
     def signed(self) -> bool:
-        """Return whether a parameter may be negative, also as an unknown."""
+        """Return whether a parameter may be negative when it is unknown."""
         return self.held == "any"
 
     @property
@@ -84,7 +83,7 @@ def product_latex(exponents: Sequence[int], symbols: Sequence[Symbol]) -> str:
 
 
 def superscript(latex: str, index: str) -> str:
-    """Return `latex` with the exponent `index`; the `{}` keeps TeX from dropping braces of accents."""
+    """Return `latex` with exponent `index`; the `{}` keeps the braces of accents in TeX."""
     return (f"{{{{}}{latex}}}" if {"^", "'"} & {*latex} else latex) + f"^{{{index}}}"
 
 
@@ -100,7 +99,7 @@ _SIGNS = {  # special characters of units, and their LaTeX
 def latex_unit(unit: str) -> str:
     r"""Return the LaTeX of a unit in pint's notation, without dollars: `mN*m` is `mN\,m`.
 
-    Raises `ValueError` for letters that the fonts of formulas lack.
+    Raises `ValueError` for letters that are missing in the fonts of formulas.
     """
     if unit in ("1", ""):
         return ""
@@ -153,7 +152,7 @@ _TYPICAL = {
 
 PARAMETERS = _table(
     _symbol("j_m", "kg*m**2", "j_m", "moment of inertia of the motor"),
-    # A motor may have no damping or friction; if it turns backwards, its friction is negative.
+    # A motor may lack damping or friction; if it turns backwards, its friction is negative.
     _or_zero("c_m", "N*m*s/rad", "c_m", "internal damping of the motor"),
     _symbol("k_e", "V*s/rad", "k_e", "voltage constant of the motor"),
     _symbol("k_T", "N*m/A", "k_T", "torque constant of the motor"),
@@ -165,7 +164,7 @@ PARAMETERS = _table(
         _symbol("t_f", "N*m", "t_f", "torque of the motor's internal friction (not a time)"),
         held="any",
     ),
-    # Optional parameters, which a rig has only if they are named.
+    # Optional parameters: a rig has only the named ones.
     _or_zero("c_s", "N*m*s/rad", "c_s", "damping of the shaft"),
     _or_zero("j_2", "kg*m**2", "j_2", "moment of inertia at the output of the gearbox"),
     _or_zero("r_s", "ohm", "r_s", "resistance in series with the motor"),
@@ -222,12 +221,12 @@ DERIVED = _table(
     _symbol("i_end", "A", r"\dot q_\infty", "steady current at the usual inputs"),
 )
 
-# Names of axes in `posterior.nc`, which no quantity may have.
+# Names of axes in `posterior.nc`, which quantities may not have.
 AXES = frozenset({"chain", "draw", "time"})
 
 
-# Initial guesses of Table 3, to which the deviations of Tables 2 and 3 refer.  The geometry of the
-# shaft agrees with k_s (G pi d^4 / 32 L = 0.263 N m/rad).
+# Initial guesses of Table 3, the reference of the deviations in Tables 2 and 3.  The geometry of
+# the shaft agrees with k_s (G pi d^4 / 32 L = 0.263 N m/rad).
 _TABLES_2_3 = {
     "j_m": 4.0e-4,
     "c_m": 19.0e-5,
@@ -256,7 +255,7 @@ _GREEK = re.compile(
 
 
 def own_symbol(name: str, unit: str, latex: str | None, meaning: str) -> Symbol:
-    """Return a symbol for a name of a config; `omega_1` is typeset as an omega with an index."""
+    """Return a symbol for a name in a config; `omega_1` is typeset as omega with an index."""
     head, _, index = name.partition("_")
     shown = (
         rf"\{head}" if _GREEK.fullmatch(head) else head if len(head) == 1 else rf"\mathrm{{{head}}}"

@@ -1,4 +1,4 @@
-"""Convert a user's units to SI and back, at input and output."""
+"""Convert units of the user to SI at input, and back at output."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ SECOND = Unit("s", 1.0, "s")
 def display_unit(unit: str, si: str | None = None, latex: str = "") -> Unit:
     """Return the display unit of a quantity with the SI unit `si`, whose LaTeX is `latex`.
 
-    Without `si` the unit may be of any kind, with its `coherent` SI unit.  The SI unit itself is
-    returned if the user's unit cannot be typeset.
+    Without `si` the unit may be of any kind, and `coherent` gives the SI unit.  If the user's unit
+    cannot be typeset, the SI unit is returned.
     """
     si_name, si_per_unit = coherent(unit) if si is None else (si, factor(unit, si))
     si_unit = Unit(si_name, 1.0, latex or symbols.latex_unit(si_name))
@@ -65,7 +65,7 @@ def factor(unit: str, si: str) -> float:
     unreadable = f"unit '{shortened(unit)}' cannot be read; write for example {examples}"
     if not _written_as_a_unit(unit):
         raise ValueError(unreadable)
-    import pint  # late: it takes 0.3 s to load, and most configs need none but common units
+    import pint  # late: it loads in 0.3 s, and most configs only have common units
 
     try:
         quantity, wanted = _quantity(1.0, unit), _quantity(1.0, si)
@@ -76,13 +76,13 @@ def factor(unit: str, si: str) -> float:
         raise ValueError(other_kind) from None
     except Exception:  # pint raises many kinds for malformed text
         raise ValueError(unreadable) from None
-    if not _same_base(quantity, wanted):  # pint gives angles, counts, bits and Hz no dimension
-        why = "as it does not say how far one of it turns"
+    if not _same_base(quantity, wanted):  # angles, counts, bits and Hz have no dimension in pint
+        why = "as the angle of one such unit is unknown"
         raise ValueError(f"unit '{unit}' is not a unit of {si}, {why}; write {examples}")
     return value
 
 
-# The factors of common units, for which pint, which takes 0.3 s to load, is not needed.
+# Factors of common units, so that pint, which loads in 0.3 s, is rarely needed.
 _KINDS = ("rad", "rad/s", "s", "A", "V", "N*m", "m", "m/s", "N", "kg", "N/m", "N*s/m")
 _COMMON = {kind: (kind, 1.0) for kind in _KINDS} | {
     "deg": ("rad", math.pi / 180),
@@ -105,7 +105,7 @@ _UNIT_OF_HEAD = re.compile(r".*(?:[\[(]\s*([A-Za-z*/]+)\s*[\])]|[\s_/]([A-Za-z*/
 def other_unit(head: str, unit: str) -> str:
     """Return the unit with which a head ends, if it is another one of the same quantity as `unit`.
 
-    Heads are such as `w [rpm]`, `w (rpm)`, `w_rpm` and `w / rpm`.  Only common units are known.
+    Examples of heads are `w [rpm]`, `w (rpm)`, `w_rpm` and `w / rpm`.  Only common units are known.
     """
     match = _UNIT_OF_HEAD.fullmatch(head)
     said = next(filter(None, match.groups()), "") if match else ""
@@ -133,7 +133,7 @@ def coherent(unit: str) -> tuple[str, float]:
         message = f"unit '{shortened(unit)}' is not known; write for example m, mm, GPa or kg/m**3"
         raise ValueError(message) from None
     if nothing.magnitude != 0.0:
-        why = "does not begin at zero, so that no factor turns it into SI"
+        why = "has an offset, so that no factor converts it to SI"
         raise ValueError(f"unit '{unit}' {why}; write the value in K, or in a plain unit")
     if base.magnitude == 1.0 and unit.isascii():
         return unit, 1.0
@@ -152,10 +152,10 @@ def _same_base(quantity: Any, other: Any) -> bool:
     return bool(quantity.to_base_units().units == other.to_base_units().units)
 
 
-MAX_FACTOR = 1e30  # largest factor between two units; a larger one is a mistake
-_COUNT = re.compile(r"counts?\s*/\s*(\d{1,9})")  # an encoder's count, over those of a turn
-_COUNT_OF_LENGTH = re.compile(r"counts?\s*/\s*\(\s*([1-9]\d*\.?\d*)\s*/\s*(\w+)\s*\)")  # of a scale
-_PERCENT = re.compile(r"%\s*of\s*(\d{0,9}\.?\d{1,9})\s*([^%]+)")  # of a rated torque or current
+MAX_FACTOR = 1e30  # a larger factor between two units is a mistake
+_COUNT = re.compile(r"counts?\s*/\s*(\d{1,9})")  # a count of an encoder, over the counts of a turn
+_COUNT_OF_LENGTH = re.compile(r"counts?\s*/\s*\(\s*([1-9]\d*\.?\d*)\s*/\s*(\w+)\s*\)")  # on a scale
+_PERCENT = re.compile(r"%\s*of\s*(\d{0,9}\.?\d{1,9})\s*([^%]+)")  # % of a rated torque or current
 _POWER = re.compile(
     r"(\*\*|\^)\s*\(?\s*[-+]?\s*\d{1,2}(\.\d{1,3})?\s*\)?"
     r"|[\u207a\u207b]?[\u00b2\u00b3\u2070\u2074-\u2079]|\s(squared|cubed)\b"
@@ -167,7 +167,7 @@ _COMPUTED = re.compile(r"#\s*#|\*\*|\^|(?<![^\W\d])(\d\d|[02-9])|1\s*#")
 def _written_as_a_unit(unit: str) -> bool:
     """Return whether a text consists of names with one small power each, and no number but 1.
 
-    Only such texts are given to pint, which would compute `9**9**9`, and ignores comments and quotes.
+    Pint gets no other texts, as it would compute `9**9**9`, and ignores comments and quotes.
     """
     return (
         len(unit) <= MAX_VALUE_LETTERS
@@ -178,7 +178,7 @@ def _written_as_a_unit(unit: str) -> bool:
 
 def _believable(factor: float) -> float:
     if not 1 / MAX_FACTOR <= factor <= MAX_FACTOR:
-        raise ValueError(f"one of this unit is {factor:.3g} in SI, which no rig needs")
+        raise ValueError(f"this unit is {factor:.3g} in SI, which no rig needs")
     return factor
 
 

@@ -1,8 +1,8 @@
 """Turn a config into objects, or report all of its mistakes at once.
 
-`schema/` defines what may be written and `loading` reads it. `building/` makes objects of a config
-and finds contradictions. `records/` reads the files that it names. `assembly/` joins objects and
-records to a `Problem`; `job` calls one after the other. Nothing here samples.
+`schema/` defines the entries of a config, and `loading` reads them. `building/` makes objects of
+the entries and finds contradictions. `records/` reads the files that a config names. `assembly/`
+joins objects and records to a `Problem`. `job` calls these in turn. Nothing here samples.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Build a job: a config from a file or from memory, checked against its record."""
+"""Build a job from a config, in a file or in memory, and check the config against its record."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.sampling.mode_search import Mode
 
-# Largest distance of the start from the record, in sigmas: beyond it rounding hides the descent.
+# Largest distance of the start from the record, in sigmas. Beyond it, rounding hides the descent.
 MAX_START_DISTANCE = 1e10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """A job is a resolved case with its posterior; `files` holds what was read for it."""
+    """A job is a resolved case with its posterior; `files` holds the tables that were read."""
 
     case: ResolvedCase
     problem: Problem
@@ -51,21 +51,21 @@ class Job:
         return self.case.source
 
     def with_settings(self, **changed: Any) -> Job:
-        """Return the job with other sections of the config, none of which affects the posterior."""
+        """Return the job with replaced sections of the config that do not affect the posterior."""
         config = self.config.model_copy(update=changed)
         return replace(self, case=replace(self.case, config=config))
 
     def with_data(self, data: Mapping[str, Any], text: str = "") -> Job:
-        """Return the job of other entries of the config, of the same files; raises `InputError`.
+        """Return the job with other entries but the same files; raises `InputError`.
 
-        No file is read again, and no entry that is the same is validated again. Experiments keep the
-        record that is made of the same entries.
+        No file is read again, and unchanged entries are not validated again. An experiment keeps
+        its record if the entries of the record are unchanged.
         """
         source = Source(self.source.path, text, data, {}, ())
         return assemble(loading.validate(source, self.case), self.files)
 
     def with_steps_at(self, mode: Mode) -> Job:
-        """Return the job with the integration steps that `mode` needs; only a stepped rig has any."""
+        """Return the job with the integration steps that `mode` needs; linear rigs need none."""
         if not mode.pieces:
             return self
         posterior = step_error.with_steps(self.problem.posterior, mode.pieces)
@@ -115,7 +115,7 @@ def _steady_start_issues(case: ResolvedCase, problem: Problem, start: Array) -> 
     ]
 
 
-ARRAYS_PATH = Path("arrays")  # stands in messages where a config from a file has its path
+ARRAYS_PATH = Path("arrays")  # replaces the path of a config file in messages
 TIME_COLUMN = "t"
 MAX_DEPTH = 20  # levels of nested entries
 MAX_INTEGER_BITS = 1000  # larger integers take long to write as text
@@ -130,7 +130,7 @@ def job_in_memory(columns: Mapping[str, Array], entries: Mapping[str, Any]) -> J
     plain = _plain({**entries, "record": record}, (), wrong)
     raise_if_any(wrong)
     source = parse(ARRAYS_PATH, as_yaml(plain))
-    source = replace(source, lines={})  # the user has not seen this text
+    source = replace(source, lines={})  # the user has not seen this text, so its lines mean nothing
     return assemble(loading.validate(source), Files(table))
 
 
@@ -152,7 +152,7 @@ def model_entry(rig: Model) -> dict[str, Any]:
 
 
 def _plain(value: Any, location: tuple[str, ...], issues: list[Issue]) -> Any:
-    """Return a value as plain YAML data, NumPy scalars as Python ones; add an issue for any other."""
+    """Return a value as plain YAML data; add an issue for a value that YAML cannot hold."""
     if len(location) > MAX_DEPTH:
         issues.append(Issue(".".join(location[:4]), "is nested too deep; see docs/config.md"))
         return None

@@ -1,4 +1,4 @@
-"""Check a user's LaTeX: matplotlib and LaTeX must know it, and it must stay in its table cell."""
+"""Check that matplotlib and LaTeX can set a user's symbol, and that it stays in its table cell."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import re
 
 from bayesdrill.basics.symbols import Symbol, superscript
 
-MAX_BRACE_DEPTH = 8  # nested braces
+MAX_BRACE_DEPTH = 8  # largest depth of nested braces
 
-# Commands that matplotlib's mathtext and LaTeX both know. As `table.tex` contains the text, none of
-# them reads, writes or defines anything, or ends the formula.
+# Commands that matplotlib's mathtext and LaTeX both know. `table.tex` contains the text, so no
+# command may read, write or define anything, or end the formula.
 _ACCENTS = "hat|bar|dot|ddot|tilde|vec|check|breve|acute|grave|widehat|widetilde|overline"
 _LETTERS = (
     "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|iota|kappa|lambda|mu|nu|xi|pi|rho|sigma|tau|upsilon|"

@@ -50,7 +50,7 @@ def _stand_ins(words: Vocabulary) -> dict[Location, Any]:
 
 
 FRICTION_WALKERS = 96
-WALKERS_PER_EXPERIMENT = 16  # additional ones, as each experiment may have unknowns of its own
+WALKERS_PER_EXPERIMENT = 16  # added because each experiment may have unknowns of its own
 NO_EXPERIMENT = (
     "no experiment stands here; name each, such as `slow: {record: {file: slow.csv}}`, or remove "
     "this entry"
@@ -67,7 +67,7 @@ def load(path: Path) -> ResolvedCase:
 def validate(source: Source, before: ResolvedCase | None = None) -> ResolvedCase:
     """Validate a config that has been read; see `load`.
 
-    Entries that are the same in a case `before` it are not validated again.
+    Entries that the case `before` contains unchanged are not validated again.
     """
     if {"base", "runs"} <= source.data.keys():
         message = "is the file of a campaign; `check`, `campaign`, `watch` and `simulate` take it"
@@ -85,7 +85,7 @@ def validate(source: Source, before: ResolvedCase | None = None) -> ResolvedCase
 
 
 def read_document[T](kind: type[T], source: Source) -> T:
-    """Return a file that is one section of the class `kind`; raises `InputError` with every issue."""
+    """Return a file that is a section of class `kind`; raises `InputError` with all issues."""
     section, errors = read_entry(kind, source.data, ())
     located = _by_location(errors, source).items()
     problems = [source.issue(location, message_of(item, location)) for location, item in located]
@@ -135,7 +135,7 @@ def _with_walkers(config: Config, model: Model) -> Config:
 def _load_several(
     source: Source, words: Vocabulary, known: Mapping[str, ResolvedExperiment]
 ) -> tuple[Config, dict[str, ResolvedExperiment]]:
-    """Return the config of the first experiment, which lists them all, and all experiments by label."""
+    """Return the config of the first experiment, which lists all labels, and all experiments."""
     alone, resolved = split_experiments(source), dict[str, ResolvedExperiment]()
     problems = [*source.repeated]
     local_sources = alone or {"": experiment_source(source, "", {})}
@@ -154,7 +154,7 @@ def _load_several(
     if alone or source.data[EXPERIMENTS]:
         first = next(iter(resolved.values()), None)
         config, errors = read_config(whole, words, None if first is None else first.validated)
-        problems += [  # other mistakes are reported by the experiments
+        problems += [  # the experiments report all other mistakes
             source.issue(location, message_of(item, location))
             for location, item in _by_location(errors, source).items()
             if location and location[0] in (EXPERIMENTS, *SHARING_KEYS)
@@ -169,7 +169,7 @@ def _load_several(
 
 
 def _by_location(errors: list[EntryError], source: Source) -> dict[Location, EntryError]:
-    """Keep the last error of each entry, as every member of a union reports the same entry."""
+    """Keep the last error of each entry, as each member of a union reports one."""
     return {_location(item["loc"], source.data): item for item in errors}
 
 
@@ -200,7 +200,7 @@ def _load_single(
 def _check_remaining(
     data: Any, spoilt: list[Location], source: Source, words: Vocabulary
 ) -> list[Issue]:
-    """Check the remaining entries against each other, after the invalid ones are taken out."""
+    """Remove the invalid entries, and check the remaining ones against each other."""
     for location in spoilt:
         _remove(data, location)
     for location, stand_in in _stand_ins(words).items():
@@ -212,7 +212,7 @@ def _check_remaining(
 
 
 def _intended_location(error: EntryError, location: Location, hint: str) -> Location | None:
-    """Return the location that a misspelt key was meant for, so that it is not reported as missing."""
+    """Return the location of the key that a misspelt key replaces; that key is not missing."""
     suggestion = hint.rpartition("did you mean ")[2].rstrip("?")
     misspelt = error["type"] == "extra_forbidden" and suggestion != hint
     return (*location[:-1], suggestion) if misspelt else None

@@ -14,10 +14,10 @@ from bayesdrill.basics.errors import InputError, Issue, did_you_mean
 
 Location = tuple[str | int, ...]
 
-# Limits that no config of a rig needs to exceed: more is a mistake, or would take too long.
+# No config of a rig needs to exceed these limits. Longer files are mistakes, or take too long.
 MAX_BYTES = 100_000
 MAX_ENTRIES = 5000  # an alias counts as the entries that it repeats
-MAX_KEY_LENGTH = 100  # letters
+MAX_KEY_LENGTH = 100  # in letters
 MAX_VALUE_LENGTH = 2000
 MAX_NUMBER_LENGTH = 40
 
@@ -29,10 +29,10 @@ class Source:
     path: Path
     text: str
     data: Any
-    lines: Mapping[Location, int]  # line of the key (or list item) at each location, from 1
-    repeated: tuple[Issue, ...]  # one for each key that stands twice
+    lines: Mapping[Location, int]  # line, from 1, of the key or list item at each location
+    repeated: tuple[Issue, ...]  # one issue for each repeated key
     moved: Mapping[Location, Location] = field(default_factory=dict)  # original locations
-    labels: tuple[str, ...] = ()  # those of all experiments, in the source of one of several
+    labels: tuple[str, ...] = ()  # labels of all experiments, if there are several
 
     def issue(self, location: Location, message: str) -> Issue:
         """Return an issue labelled `file:line: a.b.c`, with the line of the nearest existing entry."""
@@ -60,7 +60,7 @@ def read(path: Path) -> Source:
         raise InputError.at(str(path), message) from None
     except IsADirectoryError:
         raise InputError.at(str(path), "this is a folder; name the .yaml file in it") from None
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+    except (OSError, ValueError) as error:  # a NUL in the path raises ValueError
         reason = getattr(error, "strerror", None) or error
         raise InputError.at(str(path), f"cannot be read: {reason}") from None
     if len(raw) > MAX_BYTES:
@@ -122,10 +122,10 @@ def as_yaml(data: Mapping[str, Any]) -> str:
 
 @dataclass(slots=True)
 class _NodeVisitor:
-    """The visitor records the lines and repeated keys of all nodes, and refuses excessive ones."""
+    """The visitor records the lines and repeated keys of all nodes, and enforces the limits."""
 
     path: Path
-    constructor: Any  # the document's: values are constructed one by one, to locate errors
+    constructor: Any  # constructs values one by one, to locate errors
     lines: dict[Location, int] = field(default_factory=dict)
     repeated: list[Issue] = field(default_factory=list)
     entries: int = 0
@@ -187,7 +187,7 @@ class _NodeVisitor:
             self.constructor.construct_object(node)
         except YAMLError:
             raise
-        except Exception:  # constructors raise many kinds for text that does not fit its tag
+        except Exception:  # constructors raise many exceptions for text that does not fit its tag
             message = f"'{text[:MAX_NUMBER_LENGTH]}' cannot be read as {kind}; put text in quotes"
             raise self._refusal(node, message) from None
 
@@ -212,7 +212,7 @@ def _explain(error: Any, text: str, line: int) -> str:
 
 
 class IssueCollector:
-    """Run steps that raise `ValueError` for the user, and collect their messages by location."""
+    """Collect messages for the user by location, from steps that raise `ValueError`."""
 
     def __init__(self, source: Source, spoilt: frozenset[Location]) -> None:
         self.issues: list[Issue] = []
@@ -230,7 +230,7 @@ class IssueCollector:
             self.add((*location, entry), message)
 
     def is_reported(self, location: Location) -> bool:
-        """Return whether an issue was reported for this entry, one inside it, or one around it."""
+        """Return whether an issue was reported for this entry, a part of it, or its section."""
         pairs = (zip(location, other, strict=False) for other in self._reported)
         return any(all(part == other for part, other in pair) for pair in pairs)
 
@@ -251,6 +251,6 @@ class IssueCollector:
         return None
 
     def expect(self, location: Location, name: str, known: Collection[str], message: str) -> None:
-        """Add an issue unless `name`, at `location`, is one of `known`; it proposes the nearest name."""
+        """Add an issue that proposes the nearest name, unless `name` is one of `known`."""
         if name not in known:
             self.add(location, f"{message}{did_you_mean(name, known)}")

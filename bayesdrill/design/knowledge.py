@@ -1,4 +1,4 @@
-"""Hold what is known before an experiment: the priors, or the draws of a posterior."""
+"""Represent the knowledge before an experiment: priors, or draws of a posterior."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class PresentKnowledge:
     """Present knowledge is `draws (W, D)` for a design, `checked (C, D)` for limits, and a precision.
 
     `precision (m, m)` belongs to the unknowns of the simulator on their natural scales.  `source`
-    says in words where it comes from.  Without `gaussian` it approximates the priors.
+    describes its origin in words.  Without `gaussian`, the precision approximates the priors.
     """
 
     draws: StoredArray
@@ -29,7 +29,7 @@ class PresentKnowledge:
 
 
 def prior_knowledge(problem: Problem, draws: int, checked: int, seed: int) -> PresentKnowledge:
-    """Return the knowledge of the priors; a single draw is the start."""
+    """Return the knowledge from the priors; a single draw is the start values."""
     space = problem.posterior.space
     start = space.vector(space.start)[None]
     drawn = space.draw(draws + 4 * checked, seeds.stream(seed, "design"))
@@ -45,7 +45,7 @@ def prior_knowledge(problem: Problem, draws: int, checked: int, seed: int) -> Pr
 def posterior_knowledge(
     problem: Problem, chain: Array, draws: int, checked: int
 ) -> PresentKnowledge:
-    """Return the knowledge of a posterior with draws `chain (N, D)`, a Gaussian on natural scales."""
+    """Return the knowledge from posterior draws `chain (N, D)`, a Gaussian on natural scales."""
     posterior = problem.posterior
     m = len(posterior.space.columns(*SIMULATOR_ROLES))
     logs = np.array([not unknown.signed for unknown in posterior.space.unknowns[:m]])

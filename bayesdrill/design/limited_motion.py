@@ -16,17 +16,17 @@ from bayesdrill.design.responses import ComingExperiment
 
 KEPT_SHARE = 0.99  # share of the draws that have to keep every limit
 TOLERANCE = 1e-6  # relative amount by which a limited quantity may exceed its limit
-HALVINGS = 8  # bisections of the way to a waveform that keeps the limits
-FINEST = 8000  # most samples at which limits are checked, unless the record has more
+HALVINGS = 8  # number of bisections between waveforms that keep and break the limits
+FINEST = 8000  # most samples at which limits are checked, unless the record has more samples
 CHANGED = 0.01  # relative change of a limited quantity below which a rate is fine enough
-SEARCH_TIMES = 250  # times at which limits are kept in a search, at least; all count at its end
+SEARCH_TIMES = 250  # least number of times at which a search keeps limits
 
 
 @dataclass(frozen=True, slots=True)
 class LimitCheck:
-    """A check knows which draws `theta (W, D)` keep the limits of the rig.
+    """A check finds the draws `theta (W, D)` that keep the limits of the rig.
 
-    `coming` is the experiment at a rate that shows peaks and integrals of the limited quantities.
+    `coming` is the experiment at a rate that resolves peaks and integrals of limited quantities.
     """
 
     coming: ComingExperiment
@@ -37,7 +37,7 @@ class LimitCheck:
     def between_samples(
         cls, coming: ComingExperiment, limits: tuple[RigLimit, ...], theta: Array
     ) -> LimitCheck:
-        """Return the check at a rate at which extremes under the largest swings have settled."""
+        """Return the check at a rate that resolves extremes under the largest swings."""
         check, source = cls(coming, limits, theta), coming.source
         levels = np.where(np.arange(source.count) % 2, source.low, source.high)
         sizes = check.sizes(theta[:4], levels)
@@ -85,7 +85,7 @@ class LimitCheck:
         return float(np.mean(~self.broken(levels).any(axis=1)))
 
     def broken(self, levels: Array) -> Flags:
-        """Return which draws break which limit, `(W, L)`."""
+        """Return a mask `(W, L)` of the limits that each draw breaks."""
         limited = self.limited(self.theta, levels)
         finite = np.where(np.isfinite(limited), limited, 0.0)
         allowed = TOLERANCE * np.abs(finite).max(axis=(0, 1), initial=0.0)
@@ -105,10 +105,10 @@ class LimitCheck:
 
 
 class LimitPenalty:
-    """The penalty of a linear rig squares excesses of its limits, at draws `theta (W, D)`.
+    """The penalty of a linear rig sums squared excesses over limits, at draws `theta (W, D)`.
 
     States are linear in the levels, so that integrals of powers are quadratic forms.  Other limits
-    count at some times of each hold interval, which are closer to each other at its beginning.
+    count at some times of each hold interval, which are denser at its beginning.
     """
 
     def __init__(self, check: LimitCheck, theta: Array) -> None:
@@ -128,7 +128,7 @@ class LimitPenalty:
         self._size = check.sizes(theta, np.full(count, max(source.low, source.high, key=abs)))
 
     def _draw(self, theta: Array, times: Array) -> tuple[Array, Array]:
-        """Return states `(t, S + 1, X)` at some times, and forms `(L, S + 1, S + 1)` of integrals."""
+        """Return states `(t, S + 1, X)` at `times`, and forms `(L, S + 1, S + 1)` of integrals."""
         check, count = self._check, self._check.coming.source.count
         still, *pulses = (check.coming.motion(theta, u)[1][0] for u in np.eye(count + 1)[:, 1:])
         states = np.stack([still, *(pulse - still for pulse in pulses)], axis=1)
@@ -140,7 +140,7 @@ class LimitPenalty:
         return states[times], forms
 
     def with_first(self, draws: int) -> LimitPenalty:
-        """Return the penalty at the first draws alone, which is faster."""
+        """Return the penalty at only the first draws, which is faster."""
         fewer = copy.copy(self)
         fewer._theta, fewer._states = self._theta[:draws], self._states[:draws]
         fewer._forms = self._forms[:draws]

@@ -1,4 +1,4 @@
-"""Describe the limits of a rig, on quantities such as a current, a twist, or heat over the run."""
+"""Describe limits of quantities of a rig, such as a current, a twist, or the heat of a run."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _INTEGRAL = re.compile(r"\s*integral\s*\((.*)\)\s*")
 class RigLimit:
     """A limit keeps a formula of states, inputs and parameters between `low` and `high`, SI.
 
-    With `integral`, the integral of the formula from the start to each time is kept there.
+    With `integral`, the limit holds for the integral of the formula from the start to any time.
     """
 
     text: str
@@ -71,7 +71,7 @@ class RigLimit:
     ) -> Array:
         """Return the integral over all samples as a form `(R, R)` of x, for signals `(T, R) @ x`.
 
-        The first of x is one.
+        The first element of x is one.
         """
         names = [name for name in (*states, *driven) if name in self.formula.names]
         power, totals = self._power(names, constant), []
@@ -105,7 +105,7 @@ class RigLimit:
 
 
 def excess(limited: Array, limits: Sequence[RigLimit]) -> Array:
-    """Return by how much quantities `(..., L)` are beyond their ends; negative below the lower one."""
+    """Return the excesses of quantities `(..., L)` over their limits; negative below `low`."""
     low = np.array([limit.low for limit in limits])
     high = np.array([limit.high for limit in limits])
     return np.asarray(np.maximum(limited - high, 0.0) + np.minimum(limited - low, 0.0))

@@ -1,9 +1,9 @@
-"""Compute promised standard deviations under the priors as they are, and not as Gaussians.
+"""Compute promised standard deviations under the actual priors, not Gaussian approximations.
 
-Where a coming record leaves a direction open, its posterior follows the priors and their ends.  The
-likelihood near a draw is Gaussian in the unknowns on their natural scales.  Its product with the priors
-is sampled by elliptical slices, which need no tuning (Murray, Adams and MacKay 2010).  Some samples are
-then simulated, and moved to the curved ridge of the likelihood by a step of Gauss and Newton.
+If a coming record does not determine a direction, the posterior follows the priors and their ends.
+The likelihood near a draw is Gaussian in the unknowns on their natural scales.  Its product with
+the priors is sampled by elliptical slices, which need no tuning (Murray, Adams and MacKay 2010).
+Some samples are simulated, and moved to the likelihood's curved ridge by a Gauss-Newton step.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def promise(
         points = _moved(space, np.repeat(theta[None], len(linear), axis=0), linear)
         beyond = study.changes(theta, points) - linear @ rows[w].T
         back = np.linalg.solve(gain[w] + known.precision, rows[w].T @ beyond.T).T
-        # The sd of all samples has less noise than that of the simulated ones, so it is corrected.
+        # The sd of all samples has less noise than that of simulated samples, which correct it.
         sds[w] *= ((linear - back) @ slopes[w].T).std(axis=0) / (linear @ slopes[w].T).std(axis=0)
     return geometric_mean(sds), gain
 
@@ -83,7 +83,7 @@ def sample_deviations(
     bases, logs = draws.repeat(chains, axis=0), _logs(space, m)
 
     def log_weight(points: Array, here: Indices) -> Array:
-        """Return the log of the priors over their Gaussian approximation."""
+        """Return the log of the ratio of the priors to their Gaussian approximation."""
         if known.gaussian:
             return np.zeros(len(points))
         gaussian = 0.5 * ((points @ known.precision) * points).sum(axis=1)

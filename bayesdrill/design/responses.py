@@ -6,8 +6,8 @@ information is then quadratic in the levels.  A QR decomposition reduces the whi
 pulses to a few hundred rows, which keep all information of every waveform.  A rig with friction is
 simulated for each waveform instead.
 
-The criterion is the mean over draws of the log determinant of the covariance of the targets, which
-has the prior knowledge in it (D_S-optimality; Atkinson, Donev and Tobias 2007).
+The criterion is the log determinant of the targets' covariance, averaged over draws.  The
+covariance includes the prior knowledge (D_S-optimality; Atkinson, Donev and Tobias 2007).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ MAX_BYTES = 6e8  # memory of the slopes of all pulses before they are reduced
 
 @dataclass(frozen=True, kw_only=True)
 class ComingExperiment:
-    """The coming experiment has the channels, the sensors and the noise of one that was recorded."""
+    """The coming experiment has the channels, sensors and noise of a recorded one."""
 
     observation: Observation
     source: SourceLimits
@@ -41,7 +41,7 @@ class ComingExperiment:
     def like(cls, observation: Observation, source: SourceLimits) -> ComingExperiment:
         """Return the experiment with another input; further measured inputs are held at their means.
 
-        Constant inputs stay, and series are added to them, as in `SensitivityStudy`.
+        Constant inputs stay, and series are added, as in `SensitivityStudy`.
         """
         recorded, t = observation.experiment, source.t
         constant = dict(recorded.constant)
@@ -88,7 +88,7 @@ class ComingExperiment:
         return with_states(self.observation.experiment, states, alone=self._states_alone)
 
     def _with_channels(self, shown: Array) -> Array:
-        """Return channels and states of what a simulator of `_shown` gives."""
+        """Return the channels and states in the result of the simulator `_shown`."""
         if not self._states_alone:
             return shown
         states = self.observation.response.model.states
@@ -127,7 +127,7 @@ class ComingExperiment:
 
 @dataclass(frozen=True, kw_only=True)
 class TargetCovariance:
-    """Covariances follow from `slopes (W, k, m)` of targets, and `precision (W, m, m)` before."""
+    """Covariances follow from `slopes (W, k, m)` of targets and the prior `precision (W, m, m)`."""
 
     slopes: Array
     precision: Array
@@ -148,7 +148,7 @@ class TargetCovariance:
 
 
 class SuperposedPulses:
-    """The evaluation of a linear rig adds the slopes of pulses, times their levels, to those at rest."""
+    """The evaluation of a linear rig superposes the slopes of pulses, weighted by the levels."""
 
     def __init__(self, coming: ComingExperiment, theta: Array, targets: TargetCovariance) -> None:
         self.coming, self.targets = coming, targets
@@ -163,7 +163,7 @@ class SuperposedPulses:
         self._roots = np.concatenate(parts)
 
     def with_first(self, draws: int) -> SuperposedPulses:
-        """Return the evaluation of the first draws alone, which is faster."""
+        """Return the evaluation at only the first draws, which is faster."""
         fewer = copy.copy(self)
         fewer._roots = self._roots[:draws]
         slopes, precision = self.targets.slopes[:draws], self.targets.precision[:draws]
@@ -215,4 +215,4 @@ class SimulatedSlopes:
         return np.asarray(rows @ rows.swapaxes(1, 2))
 
 
-Evaluation = SuperposedPulses | SimulatedSlopes  # knows what each waveform would show
+Evaluation = SuperposedPulses | SimulatedSlopes  # gives the information of any waveform

@@ -1,9 +1,9 @@
-"""Design an experiment that tells a model from a rival, which would be fitted to the same record.
+"""Design an experiment that distinguishes a model from a rival, fitted to the same record.
 
-The rival's best fit is near to its fit of the expected record, where its signals are linear in its
-unknowns.  The difference of both signals then stands for one more unknown, whose value is one.  The
-information on this unknown is the squared difference, over the noise, that the rival cannot fit away
-(T-optimality; Atkinson and Fedorov 1975).  The search of a design maximises it as that on any target.
+The rival's signals are taken to be linear in its unknowns near its fit of the expected record.  The
+difference of both signals then stands for one more unknown, whose value is one.  The information on
+this unknown is the squared difference, over the noise, that the rival cannot fit (T-optimality;
+Atkinson and Fedorov 1975).  The search of a design maximises this information.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
-FIRST_STARTS = 4  # starts of the first fit of a rival to each draw; later fits begin at its result
+FIRST_STARTS = 4  # starts of a rival's first fit to each draw; later fits begin at the result
 FIT_STEPS = 25  # steps of Gauss-Newton
-ROUNDS = 2  # fits with a search each, as the rival's best fit depends on the waveform
-LEAST_INFORMATION = 1e-6  # on a difference; keeps the criterion of equal signals finite
-LEAST_LOG_ODDS = 1.0  # a design with less does not tell the models apart
+ROUNDS = 2  # rounds of a fit and a search, as the rival's best fit depends on the waveform
+LEAST_INFORMATION = 1e-6  # of a difference; keeps the criterion of equal signals finite
+LEAST_LOG_ODDS = 1.0  # a design with lower odds does not distinguish the models
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedExperiment(ComingExperiment):
-    """Describe the same experiment by two models, at `theta (W, D + E)` of both.
+    """Two models describe the same experiment, at the unknowns `theta (W, D + E)` of both.
 
     The slopes are those of `rival`, followed by the difference of the signals.  The source is that of
     the first model.
@@ -76,7 +76,7 @@ def design_against(
 ) -> ExperimentDesign:
     """Design an experiment after which a rival, fitted to its record, has the worst odds.
 
-    `problem` is taken to be true.  Raises `InputError` if no waveform tells both apart.
+    `problem` is taken to be true.  Raises `InputError` if no waveform distinguishes both.
     """
     _check_comparable(problem, rival, request)
     ours, theirs = problem.observations[0], rival.observations[0]
@@ -116,7 +116,7 @@ def design_against(
 
     odds = {name: expected(u) for name, u in waveforms.items()}
     if request.family == FREE:
-        # Where a rival leaves its linear range, a usual waveform may be best.
+        # If a rival leaves its linear range, a usual waveform may be best.
         designed.append(waveforms[max(odds, key=lambda name: odds[name])])
     levels = max(designed, key=expected)
     odds[DESIGNED] = expected(levels)
@@ -139,7 +139,7 @@ def _check_comparable(problem: Problem, rival: Problem, request: DesignRequest) 
     request.source.check()
     if request.experiments > 1:
         raise InputError.at(
-            "--experiments", "models are told apart by one experiment; give --tell alone"
+            "--experiments", "models are distinguished by one experiment; give only --tell"
         )
     ours, theirs = problem.observations[0], rival.observations[0]
     if ours.experiment.names != theirs.experiment.names:
@@ -154,7 +154,7 @@ def fitted_rivals(
 ) -> tuple[Array, Array]:
     """Fit a rival to the signals of each of `draws (W, D)`, from its starts `(n, E)`.
 
-    Returns the sums of squares `(W,)` that it cannot fit, over the noise, and the fits `(W, E)`.
+    Returns the remaining sums of squares `(W,)`, over the noise, and the fits `(W, E)`.
     """
     squares, fits = [], []
     for draw, begin in zip(draws, starts, strict=True):
@@ -166,7 +166,7 @@ def fitted_rivals(
         surface = LogDensity(expected, physical=True)
         climbed = gauss_newton(surface, coordinates.from_physical(begin), FIT_STEPS)
         best = coordinates.to_physical(climbed.u[[np.argmax(climbed.value)]])[0]
-        # Signals without noise would have none, so that the level of the noise stays.
+        # The noise unknowns stay fixed, since signals without noise would make them zero.
         noise = len(expected.space.columns(*SIMULATOR_ROLES))
         best[noise:] = begin[0, noise:]
         rest = expected.likelihood.whitened_residuals(best)

@@ -2,8 +2,8 @@
 
 For a linear rig a bounded quasi-Newton method (L-BFGS-B; Byrd, Lu, Nocedal and Zhu 1995) has the exact
 gradient, and limits of rig and slew are penalties.  For a rig with friction, levels are exchanged
-one after another (Meyer and Nachtsheim 1995).  Penalties are never exact: the result is therefore moved
-towards a waveform that keeps all limits, as far as the draws need.
+one after another (Meyer and Nachtsheim 1995).  Penalties are never exact.  The result is therefore
+moved towards a waveform that keeps all limits, until enough draws keep them.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from bayesdrill.design.waveforms import FAMILIES
 
 PENALTIES = (1e1, 1e3, 1e5)  # increasing weights of squared excesses of the limits
 MAX_ITERATIONS = 120  # iterations of each search with one weight
-COARSE_DRAWS = 2  # draws over which searches from all starts average the criterion
+COARSE_DRAWS = 2  # number of draws in searches from all starts
 POLISHED = 2  # number of best results from which a search with all draws begins
 RANDOM_STARTS = 6  # random starts, in addition to the best waveforms of the usual families
 SWEEPS = 2  # passes of the exchange through all levels
-EXCHANGED = 5  # levels that are tried in each hold interval
-CONSTANTS = 13  # constant levels among which a waveform that keeps the limits is sought
+EXCHANGED = 5  # number of levels that are tried in each hold interval
+CONSTANTS = 13  # number of constant levels that are tried as a waveform within the limits
 
 
 def safe_waveform(check: LimitCheck, repair: Callable[[Array], Array]) -> Array:
     """Return a waveform that keeps all limits; raises `InputError` if none is found.
 
-    Constant levels are tried first, of which the middle one that keeps them is taken.  If none does,
-    `repair` moves the best of them towards the limits.
+    Constant levels are tried first, and the middle one of those that keep the limits is taken.  If
+    no constant does, `repair` moves the best one towards the limits.
     """
     source = check.coming.source
     levels = np.linspace(source.low, source.high, CONSTANTS)
@@ -80,7 +80,7 @@ def value(evaluation: Evaluation, levels: Array) -> float:
 
 
 def least_excess(penalty: LimitPenalty, levels: Array) -> Array:
-    """Return the levels, near to these, that are least beyond the limits."""
+    """Return levels, near the given ones, with the least excess over the limits."""
     return _minimise(None, penalty, levels, PENALTIES[-1])
 
 
@@ -93,7 +93,7 @@ def descend(
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Return the best levels of all descents, which begin at `known` waveforms and random ones."""
+    """Return the best levels of descents from `known` waveforms and from random ones."""
     source = evaluation.coming.source
     ranked = sorted(known.values(), key=lambda levels: value(evaluation, levels))
     starts = [*ranked[:2], *_random(evaluation, rng)]
@@ -110,7 +110,7 @@ def descend(
 
 
 def _descend(evaluation: SuperposedPulses, penalty: LimitPenalty, levels: Array) -> Array:
-    """Minimise with penalties of increasing weight, if there are limits."""
+    """Minimise the criterion, with penalties of increasing weight if there are limits."""
     constrained = penalty.limits or evaluation.coming.source.slew < np.inf
     for weight in PENALTIES if constrained else PENALTIES[:1]:
         levels = _minimise(evaluation, penalty, levels, weight)
@@ -128,7 +128,7 @@ def _minimise(
     evaluation: SuperposedPulses | None, penalty: LimitPenalty, start: Array, weight: float
 ) -> Array:
     """Minimise the criterion, if there is one, plus `weight` times the penalties, from `start`."""
-    from scipy.optimize import minimize  # late: few commands need it
+    from scipy.optimize import minimize  # late: few commands need this
 
     source = penalty.source
     size, most = max(abs(source.low), abs(source.high)), source.slew * source.interval
@@ -166,9 +166,9 @@ def exchange(
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Exchange levels of the best of `known` waveforms, all of which keep the limits, as `safe` does.
+    """Exchange levels of the best waveform, `safe` or one of `known`; all of these keep the limits.
 
-    Each interval gets the best of a few levels, in random order, until none helps.
+    Hold intervals, in random order, get the best of a few levels until no exchange helps.
     """
     source = evaluation.coming.source
     best = min(known.values(), key=lambda levels: value(evaluation, levels))

@@ -1,4 +1,4 @@
-"""Describe the source of the coming experiment, whose waveform is a vector of levels held for a time."""
+"""Describe the source of the coming experiment: its waveform is a vector of held levels."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import Issue
 from bayesdrill.record.experiment import raise_if_any, times
 
-MAX_LEVELS = 200  # levels of a waveform; memory grows with the square of their number
-LEAST_MOTION = 0.05  # share of its range through which a source can go within the experiment
-MAX_SAMPLES = 20_000  # samples of a coming record; sensitivities to each level are kept in memory
+MAX_LEVELS = 200  # most levels of a waveform; memory grows with the square of their number
+LEAST_MOTION = 0.05  # share of its range that a source must be able to cross
+MAX_SAMPLES = 20_000  # most samples of a coming record, to bound the memory of sensitivities
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,7 +21,7 @@ class SourceLimits:
     """A source drives `input` between `low` and `high`, SI, and holds each level for `hold` [s].
 
     The record lasts `duration` [s] at `rate` [Hz].  Levels change by at most `slew` times the hold
-    time, also from zero before the first one.
+    time, also from zero to the first level.
     """
 
     input: str
@@ -53,12 +53,12 @@ class SourceLimits:
         return times(self.count * self.interval, self.rate)
 
     def series(self, levels: Array) -> Array:
-        """Return the input `(..., T)` at the times of the record, of `levels (..., S)`."""
+        """Return the input `(..., T)` with `levels (..., S)` at the times of the record."""
         held = np.arange(self.count * self.samples_of_level + 1) // self.samples_of_level
         return np.asarray(levels[..., np.minimum(held, self.count - 1)])
 
     def within(self, levels: Array) -> Array:
-        """Return the nearest levels that the source can make, going forward from the first."""
+        """Return the nearest levels that the source can make, found from the first to the last."""
         step, before, out = self.slew * self.interval, 0.0, np.clip(levels, self.low, self.high)
         if step < math.inf:
             for k, level in enumerate(out):
@@ -69,7 +69,7 @@ class SourceLimits:
         """Raise `InputError` with all contradictions between the numbers of the source."""
         levels_of = {"--low": self.low, "--high": self.high}
         positive = {"--duration": self.duration, "--rate": self.rate, "--slew": self.slew}
-        if 0 < self.duration < math.inf:  # else it follows from the duration, unless it is given
+        if 0 < self.duration < math.inf:  # the default hold time depends on the duration
             positive["--hold"] = self.hold
         wrong = [
             Issue(option, f"levels must be finite, not {level:g}; give a number in SI")
@@ -104,7 +104,7 @@ class SourceLimits:
             (
                 "--slew",
                 moved < max(LEAST_MOTION * width, self.low, -self.high),
-                f"the source is too slow: from rest it moves by {moved:g} in {self.duration:g} s",
+                f"the source is too slow: it only moves by {moved:g} in {self.duration:g} s",
             ),
             ("--hold", levels > MAX_LEVELS, f"{levels} levels are more than {MAX_LEVELS}"),
             ("--rate", samples > MAX_SAMPLES, f"{samples} samples are more than {MAX_SAMPLES}"),

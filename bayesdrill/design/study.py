@@ -41,7 +41,7 @@ BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignRequest:
-    """A request names what is to be learnt: `learn` is empty for all that can be determined.
+    """A request names the targets in `learn`, which is empty for all that can be determined.
 
     `family` is one of `waveforms.FAMILIES`, or `FREE`.  The number of coming experiments is
     `experiments`.
@@ -57,10 +57,10 @@ class DesignRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetOutlook:
-    """An outlook gives relative sds of a target: `now`, and after each waveform in `after`.
+    """An outlook has relative sds of a target: `now`, and `after` each waveform.
 
-    `hidden_by` names unknowns that an exact symmetry scales together with the target.  `remedies` are
-    actions that would break it, with the factors by which sds would fall.
+    `hidden_by` names unknowns that an exact symmetry scales together with the target.  `remedies`
+    are actions that would break this symmetry, with factors by which sds would fall.
     """
 
     name: str
@@ -83,13 +83,13 @@ class TargetOutlook:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExperimentDesign:
-    """A design has `levels (E, S)` of each experiment, and what they promise for each target.
+    """A design has `levels (E, S)` of each experiment, and their promises for each target.
 
     `criteria` are mean log determinants of the targets' covariance by waveform.  `bands (3, T, K)`
     are quantiles `BAND` of the channels in the first experiment, and `limited (3, t, L)` those of the
-    limited quantities.  `kept` is the least share of draws that keep the limits.  `log_odds` against a
-    rival are given in place of targets, by waveform.  `variants` has sds of the targets by what is
-    changed beside the waveform.
+    limited quantities.  `kept` is the least share of draws that keep the limits.  For a rival,
+    `log_odds` by waveform replace the targets.  `variants` has sds of the targets by the changed
+    property of the experiment.
     """
 
     request: DesignRequest
@@ -128,7 +128,7 @@ def design_experiment(
     usual = dict[str, Array]()
     precision = np.tile(known.precision, (len(known.draws), 1, 1))
     chosen = TargetCovariance(slopes=slopes, precision=precision)
-    for number in range(request.experiments):  # each knows what those before it will determine
+    for number in range(request.experiments):  # each design allows for the earlier ones
 
         def progress(share: float, number: int = number) -> None:
             report.update(
@@ -175,7 +175,7 @@ def search_levels(
 ) -> tuple[dict[str, Array], Array]:
     """Return the usual waveforms by name, and the levels that are requested.
 
-    They are the best for `targets` at `theta (W, D)`, by default the draws of what is `known`.  A
+    These are the best for `targets` at `theta (W, D)`, by default at the draws in `known`.  A
     `smooth` rig is linear in its input.
     """
     theta = known.draws if theta is None else theta
@@ -205,7 +205,7 @@ def describe_expected(
     criteria: Mapping[str, float] = NOTHING,
     odds: Mapping[str, float] = NOTHING,
 ) -> ExperimentDesign:
-    """Return the design with `levels (E, S)`, with the motion that they are expected to cause."""
+    """Return the design with `levels (E, S)` and the expected motion."""
     signals, _ = coming.motion(known.checked, levels[0])
     limited = check.limited(known.checked, levels[0])
     return ExperimentDesign(
@@ -229,10 +229,10 @@ def _outlooks(
     posteriors: Mapping[str, Posterior],
     seed: int,
 ) -> tuple[tuple[TargetOutlook, ...], dict[str, Array]]:
-    """Return the outlook of each target, and informations, after records with these posteriors."""
+    """Return outlooks of targets, and information matrices, after records with these posteriors."""
     slopes, after, informations = visibility.slopes, {}, {}
     for name, posterior in posteriors.items():
-        rng = seeds.stream(seed, "design", 2)  # the same numbers, so that waveforms compare well
+        rng = seeds.stream(seed, "design", 2)  # equal for all waveforms
         after[name], informations[name] = promise(posterior, known, slopes, rng)
     space = posteriors[DESIGNED].space
     now = present_sds(space, known, slopes, seeds.stream(seed, "design", 2))

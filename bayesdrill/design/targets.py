@@ -1,4 +1,4 @@
-"""Define what an experiment is to determine: parameters, products of powers, or formulas."""
+"""Define targets of an experiment: parameters, products of powers, or formulas."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES, ParameterSpace
 from bayesdrill.record.experiment import raise_if_any
 
-UNCHANGED = 1e-9  # relative derivative of a target along a symmetry, below which it does not change
-INDEPENDENT = 1e-8  # singular value over the largest, below which targets depend on each other
+UNCHANGED = 1e-9  # a target with a smaller relative derivative along a symmetry does not change
+INDEPENDENT = 1e-8  # relative singular value below which targets depend on each other
 
 
 @dataclass(frozen=True, slots=True)
 class DesignTarget:
-    """A target is a positive quantity, of which the relative standard deviation counts."""
+    """A target is a positive quantity whose relative standard deviation is to be reduced."""
 
     name: str
     formula: Expression
 
     def gradient(self, space: ParameterSpace, theta: Array) -> Array:
-        """Return relative derivatives `(W, m)` by unknowns on their natural scales."""
+        """Return relative derivatives `(W, m)` of the target by unknowns on natural scales."""
         value = self.formula.value(space.named_slopes(theta))
         if not isinstance(value, Dual):
             return np.zeros((len(theta), len(space.columns(*SIMULATOR_ROLES))))
@@ -60,7 +60,7 @@ def parse_targets(problem: Problem, names: Sequence[str], theta: Array) -> tuple
         target = DesignTarget(name, formula)
         slopes = target.gradient(space, theta)
         if not np.isfinite(slopes).all():
-            issues.append(Issue("--learn", f"{name} has no relative spread at every draw"))
+            issues.append(Issue("--learn", f"{name} is not positive and finite at every draw"))
         elif not slopes.any():
             issues.append(Issue("--learn", f"{name} depends on no unknown of the rig"))
         else:
@@ -74,7 +74,7 @@ def invariant_products(
 ) -> tuple[KnownProduct, ...]:
     """Return independent products that no exact symmetry changes, the best known first.
 
-    `information` is that of any waveform, with which simple products compete.
+    `information` is that of any waveform; it ranks the products by their accuracy.
     """
     candidates = simple_exponents(len(structure.names))
     for symmetry in structure.symmetries:
@@ -107,7 +107,7 @@ def hidden_by(slopes: Array, structure: ScalingStructure) -> tuple[Exponents, ..
 
 
 def independent(slopes: Array) -> list[int]:
-    """Return indices of targets `(W, k, m)` that do not follow from earlier ones at the first draw."""
+    """Return indices of targets `(W, k, m)` that are independent of earlier ones (first draw)."""
     chosen: list[int] = []
     for k in range(slopes.shape[1]):
         values = np.linalg.svd(slopes[0, [*chosen, k]], compute_uv=False)

@@ -1,4 +1,4 @@
-"""Compute what the designed waveform gives with other channels, rates, durations and repeats."""
+"""Predict the accuracy of the designed waveform with other channels, rates and durations."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def variant_sds(
 ) -> dict[str, tuple[float, ...]]:
     """Return relative sds of targets with `slopes (W, k, m)` by the name of a variant.
 
-    The `coming` experiment with the levels of a `batch` is like the `recorded` one.  Its promised
-    `sds (k,)` are scaled by the ratios of Gaussian sds.
+    The `coming` experiment, with the levels of a `batch`, resembles the `recorded` one.  The
+    promised `sds (k,)` of this experiment are scaled by ratios of Gaussian sds.
     """
     covariance = TargetCovariance(slopes=slopes, precision=known.precision)
 
@@ -41,7 +41,7 @@ def variant_sds(
 
     usual_sds, out = gaussian(coming.posterior(*batch)), {}
     for name, make in _variants(recorded, coming, batch):
-        with suppress(ValueError):  # noise that needs every sample
+        with suppress(ValueError):  # this noise needs every sample
             out[name] = tuple((sds * gaussian(make()) / usual_sds).tolist())
     return out
 

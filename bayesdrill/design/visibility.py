@@ -1,4 +1,4 @@
-"""Find the targets that a suitable waveform can determine, and what would help with the others."""
+"""Find the targets that a suitable waveform can determine, and remedies for the others."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from bayesdrill.design.targets import (
 from bayesdrill.inference.posterior import Problem
 
 MOST_REMEDIES = 4  # largest number of remedies that are named for a target
-LEAST_FALL = 1.05  # a remedy is named if it divides the sd of the target by at least this factor
+LEAST_FALL = 1.05  # least factor by which a named remedy divides the sd of the target
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +66,7 @@ def examine_targets(
     Raises `InputError` if no waveform can show any of them.
     """
     source = coming.source
-    # What random levels do not reveal, no waveform reveals: they show all symmetries.
+    # Random levels reveal all symmetries, so a target that they hide is hidden in any waveform.
     levels = source.low + (source.high - source.low) * rng.random(source.count)
     posterior = coming.posterior(source.within(levels))
     sensitivity = SensitivityStudy(posterior.likelihood)
@@ -105,7 +105,7 @@ def _remedies(
 ) -> tuple[tuple[str, float], ...]:
     """Return actions that break a symmetry, and the factors by which the sd of the target falls.
 
-    They are the best action of each kind, such as to weigh, to measure or to add a part.
+    Only the best action of each kind is returned, such as to weigh, to measure or to add a part.
     """
     names = [name for name in target.formula.names if name in structure.names]
     if not symmetries or not names:
@@ -115,7 +115,7 @@ def _remedies(
     useful = [x for x in tried if x.breaks and x.shrink > LEAST_FALL]
     others = [x for x in useful if x.what.split(" to ")[0] != f"weigh or measure {target.name}"]
     ranked = sorted(others, key=lambda remedy: -remedy.shrink)
-    # The first word of an action gives its kind. The best of a kind replaces the others.
+    # The first word of an action is its kind, and the best of each kind is kept.
     best = {remedy.what.split()[0]: remedy for remedy in reversed(ranked)}.values()
     return tuple((each.what, each.shrink) for each in ranked if each in best)[:MOST_REMEDIES]
 

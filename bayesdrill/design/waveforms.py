@@ -10,7 +10,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.design.source import SourceLimits
 
-SEQUENCES = 8  # random sequences of which the best counts
+SEQUENCES = 8  # number of random sequences, of which the best is used
 STAIRS = 5
 SINES = 6
 
@@ -38,7 +38,7 @@ def prbs(source: SourceLimits, rng: np.random.Generator) -> Iterator[Array]:
 
 
 def chirp(source: SourceLimits, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield sines whose frequency rises from one period in the record, or falls to it."""
+    """Yield sines whose frequency rises from one period per record, and falls to it."""
     x = _phase(source)
     for periods in (source.count / 8, source.count / 4):
         rising = np.cos(2 * np.pi * (x + 0.5 * (periods - 1.0) * x**2))
@@ -47,7 +47,7 @@ def chirp(source: SourceLimits, rng: np.random.Generator) -> Iterator[Array]:
 
 
 def multisine(source: SourceLimits, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield sums of sines with the phases of Schroeder (1970), which keep their peaks low."""
+    """Yield sums of sines with Schroeder's phases (1970), which keep the peaks low."""
     for spread in (1, 2, 3):
         k = np.arange(1, SINES + 1)
         angles = 2 * np.pi * spread * k * _phase(source)[:, None] - np.pi * k * (k - 1) / SINES
@@ -64,7 +64,7 @@ def stairs(source: SourceLimits, rng: np.random.Generator) -> Iterator[Array]:
 
 
 def coast(source: SourceLimits, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield a start, a coast at zero or the level next to it, and a reversal if the range has one."""
+    """Yield a start, a coast at the level nearest to zero, and a reversal if the range has any."""
     third = np.minimum(np.floor(3 * _phase(source)), 2).astype(int)
     rest = float(np.clip(0.0, source.low, source.high))
     yield np.array([source.high, rest, source.low])[third]

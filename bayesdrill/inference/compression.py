@@ -2,8 +2,8 @@
 
 A compression is accurate only for parameters near a point, which has to be known first.  A search
 therefore begins on the first part of a record, whose posterior shows which parameters are
-plausible.  Counted operations, and never measured times, decide which records are compressed.  The
-same config gives the same results on every machine.
+plausible.  Counted operations, and never measured times, decide which records are compressed, so
+the same config gives the same results on every machine.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from bayesdrill.rig.simulators.contract import Simulator
 EXCERPT = 16384  # number of samples in the first excerpt
 GROWTH = 4  # factor by which an excerpt grows if it does not suffice
 POINTS = 256  # number of points about a maximum at which the compression has to be accurate
-POINT_SDS = (8.0, 3.0, 1.0)  # the points in turn have these sds, in sds of the posterior
-# Points are not spread along directions with a larger posterior sd, which are hardly determined.
+POINT_SDS = (8.0, 3.0, 1.0)  # sds of the points, in turn, over posterior sds
+# Directions with a larger posterior sd are hardly determined: no points are spread along them.
 MAX_SPREAD = 0.05
-DEPTH = 40.0  # a maximum whose log posterior is lower than the highest by more has no mass
+DEPTH = 40.0  # a maximum this far below the highest log posterior has no mass
 
 Compressions = Mapping[str, Compression]  # keys are labels of observations
 
@@ -98,7 +98,7 @@ def longer_excerpt(posterior: Posterior, short: Posterior, known: Compressions) 
 
 
 def first_samples(observation: Observation, samples: int) -> Observation:
-    """Return the observation with the first samples of its record, or unchanged if it is short."""
+    """Return the observation with the first samples of its record; a short one is unchanged."""
     if len(observation.experiment.t) <= samples or not is_long(observation):
         return observation
     return observation.for_record(observation.experiment.first(samples))
@@ -148,7 +148,7 @@ def uncompressed(posterior: Posterior) -> Posterior:
 
 
 def compressed(posterior: Posterior, known: Compressions) -> Posterior:
-    """Return the posterior with `known` compressions; itself if there are none."""
+    """Return the posterior with `known` compressions; without any, the posterior itself."""
     if not known:
         return posterior
 

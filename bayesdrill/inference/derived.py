@@ -24,8 +24,8 @@ from bayesdrill.rig.steady_state import angle_indices, equilibrium, fix_rotation
 
 HDI_PROBABILITY = 0.94
 _N_PRIOR_DRAWS = 1000  # number of draws from the priors at which formulas are tried
-_LARGEST = 1e150  # a larger value is refused, since its square, and thus the sd, may overflow
-# A pair of poles that exceeds the slowest by a larger factor is inside a part, and is not shown.
+_LARGEST = 1e150  # a larger value is refused, since its square may overflow in the sd
+# A pair of poles this many times faster than the slowest is inside a part, and is not shown.
 _MAX_FREQUENCY_RATIO = 100.0
 # A pole with a smaller relative imaginary part is real: rounding splits a double pole into a pair.
 _REAL_POLE_TOLERANCE = 1e-7
@@ -100,7 +100,7 @@ def with_products(
         if len(factors) < 2:  # an unknown by itself has its own row already
             continue
         name = product_name(names, powers)
-        if name in nominal:  # a formula of the config has this name
+        if name in nominal:  # a formula of the config already has this name
             name += "_"
         unit = unit_product([n.unit for n, _ in factors], [e for _, e in factors])
         latex = product_latex(powers, problem.symbols)

@@ -17,7 +17,7 @@ from bayesdrill.basics.symbols import Symbol, plain
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.priors import Prior
 
-# Fields of rows of tables with values of an unknown or a derived quantity.
+# Fields of table rows that hold values of an unknown or a derived quantity.
 _VALUES = ("nominal", "map", "mean", "sd", "hdi_low", "hdi_high", "pressed_against")
 
 
@@ -92,7 +92,7 @@ SI = DisplayUnits({})
 class DisplayedUnknowns:
     """Unknowns or derived quantities are shown with all numbers in the units of `symbols`.
 
-    `columns` are the indices of those that are shown in arrays of draws; an empty tuple shows all.
+    `columns` are the indices of the shown unknowns in arrays of draws; an empty tuple shows all.
     `factors (D,)` are SI units per display unit.
     """
 
@@ -104,6 +104,6 @@ class DisplayedUnknowns:
     mode: Mapping[str, float] = field(default_factory=dict)
 
     def select(self, si: Array) -> Array:
-        """Return the shown columns of values `si (..., D)` of all unknowns, in display units."""
+        """Return values `si (..., D)` of all unknowns in display units, shown columns only."""
         selected = si if len(self.columns) in (0, si.shape[-1]) else si[..., self.columns]
         return selected if (self.factors == 1.0).all() else selected / self.factors

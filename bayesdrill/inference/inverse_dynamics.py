@@ -4,7 +4,7 @@ If inputs and channels give all states, nothing has to be simulated.  Each equat
 x' = A x + B u + c is multiplied by bumps, which are zero at both ends, and integrated by parts:
 - int bump' x = int bump (A x + B u + c), so no measured state is differentiated (modulating
 functions, Shinbrot 1957).  Bumps have zero mean, so the initial values of integrated angles do not
-matter.  Unlike that of simulated angles, the misfit has no ripples over the parameters.
+matter.  The misfit has no ripples over the parameters, unlike the misfit of a simulation.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from bayesdrill.rig.models.friction import DIRECTION
 from bayesdrill.rig.models.linear import Model
 
 BUMP_COUNTS = (3, 10, 30, 100)  # numbers of bumps along the record
-MIN_BUMP_SAMPLES = 6  # samples in a bump, at least
-MIN_SPARSE_SAMPLES = 4096  # from this length of a record on, bumps are sparse matrices
-MIN_FAST_SAMPLES = 100  # samples in a bump that may have several periods
-MIN_PERIOD_SAMPLES = 8  # samples in a period, at least
+MIN_BUMP_SAMPLES = 6  # least number of samples in a bump
+MIN_SPARSE_SAMPLES = 4096  # for records of at least this length, bumps are sparse matrices
+MIN_FAST_SAMPLES = 100  # least number of samples in a bump with several periods
+MIN_PERIOD_SAMPLES = 8  # least number of samples in a period
 LARGE_MISFIT = 1e9  # replaces a misfit that is not finite
 MAX_SAMPLES = 20_000  # longer records are thinned to this many samples
 
@@ -144,7 +144,7 @@ def _states(
         for channel, y, seen in columns
         if seen.any()
     ]
-    for _ in model.states:  # each round may find one more
+    for _ in model.states:  # each round may find another state
         for weights, y in channels:
             missing = [name for name in weights if name not in states]
             if len(missing) == 1:
@@ -162,15 +162,15 @@ def _states(
 
 
 def _middle(x: Array) -> Array:
-    """Return the mean of both ends of each step, `(T - 1,)`."""
+    """Return the mean `(T - 1,)` of the values at both ends of each step."""
     return np.asarray(0.5 * (x[1:] + x[:-1]))
 
 
 def _bumps(t: Array) -> tuple[Any, Any]:
     """Return M bumps `(M, T - 1)` along `t (T,)` and their slopes, both times the steps.
 
-    Bumps are whole periods of a sine, and overlap their neighbours by half.  If the shortest have
-    many samples, more periods are put in the same span to resolve faster oscillations.
+    Bumps are whole periods of a sine, and overlap their neighbours by half.  If the shortest bumps
+    have many samples, they get more periods to resolve faster oscillations.
     """
     bumps, slopes, middle = [], [], _middle(t)
     for count in BUMP_COUNTS:

@@ -53,7 +53,7 @@ def sandwich(posterior: Posterior, theta: Array) -> Array:
     `theta (D,)` is physical, and the covariance is on the natural scales of the unknowns.  It is
     `H^-1 (J + P) H^-1` (Newey and West 1987), where H is the information of record and priors, and P
     that of the priors.  J sums the products of the slopes of the log densities over all pairs of
-    samples; its mean is H - P if the noise model is right.
+    samples; the mean of J is H - P if the noise model is right.
     """
     at = natural_directions(posterior, theta)
     slopes = [each.signal_slopes(at) for each in posterior.likelihood.observations]
@@ -75,8 +75,8 @@ def long_run_variance(scores: Array) -> Array:
     """Return the variance `(D, D)` of the sum of correlated `scores (T, D)`.
 
     Each column is prewhitened by an AR(1), and the result recoloured (Andrews and Monahan 1992).
-    Products at all lags are weighted by the quadratic spectral kernel.  Its width is that for an
-    AR(1), with equal weights of all columns (Andrews 1991, eqs. 2.7, 5.2 and 6.4).
+    Products at all lags are weighted by the quadratic spectral kernel.  The kernel's width is
+    optimal for an AR(1), with equal weights of all columns (Andrews 1991, eqs. 2.7, 5.2 and 6.4).
     """
     x, n = scores - scores.mean(axis=0), len(scores)
     memory = _autocorrelation(x)
@@ -156,8 +156,8 @@ def matrix_root(matrix: Array) -> Array:
 
 
 N_QUANTILES = 200  # number of quantiles from which mean and spread of a prior are computed
-END_MARGIN = 1e-9  # distance from the ends of a prior, over its spread, so that none is exceeded
-TAIL_MASS = 1e-9  # probability beyond the end of a search in a prior without end
+END_MARGIN = 1e-9  # relative distance from the ends of a prior that rounding cannot exceed
+TAIL_MASS = 1e-9  # probability beyond the search's end, for a prior without an end
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,7 +203,7 @@ class LogDensity:
         floor = [-np.inf if unknown.signed else 1e-300 for unknown in posterior.space.unknowns]
         typical = posterior.coordinates.from_physical(np.maximum(quantiles, floor))
         self.middle, self.spread = typical.mean(axis=0), typical.std(axis=0)
-        # The margin keeps a point at an end inside, however it is rounded.
+        # The margin keeps a point at an end inside the prior despite rounding.
         self.low, self.high = low + END_MARGIN * self.spread, high - END_MARGIN * self.spread
 
     def value(self, u: Array) -> Array:
@@ -229,12 +229,12 @@ class LogDensity:
     def approximate_model(self, u: Array, directions: Array) -> QuadraticModel:
         """Return the curvature model of compressed records, also outside the region where they hold.
 
-        It serves to find directions only, for which the exact response would take too long.
+        The model only serves to find directions, for which the exact response would take too long.
         """
         return self._unbounded.curvature_model(u, directions)
 
     def curvature_model(self, u: Array, directions: Array) -> QuadraticModel:
-        """Return the model with 0 instead of the value, which would need another response."""
+        """Return the model with 0 instead of the value, which would need one more simulation."""
         with np.errstate(all="ignore"):
             theta = self.posterior.coordinates.to_physical(u)
             slope, curvature = self.record_slopes(theta, directions)
@@ -270,7 +270,7 @@ class LogDensity:
 
 
 def _ends(unknown: Unknown) -> tuple[float, float]:
-    """Return the ends between which an unknown is searched: its support, or nearly all of it."""
+    """Return the ends of the search for an unknown: of its support, or of nearly all of it."""
     prior = unknown.prior
     if unknown.between is not None:
         low, high = unknown.between

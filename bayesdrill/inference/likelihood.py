@@ -42,12 +42,12 @@ MAX_SLOPE_BYTES = 6e7  # memory of the slopes that are computed at a time
 class Observation:
     """An observation is a record with its density, given unknowns `theta` and parameters `full`.
 
-    `theta (W, D)` and `full (W, P)` are those of all observations, physical, SI.  `response`
-    simulates the record, and `noise` is that of the residuals.  Subclasses have other densities.
+    `theta (W, D)` and `full (W, P)` include those of all observations, physical, in SI.  `response`
+    simulates the record, and `noise` is the density of the residuals.  Subclasses differ.
 
     `parameters` and `noise_names` name the parameters of this simulator and the unknowns of this
-    noise.  Their columns in `full` and `theta` are `columns` (None for all) and `noise_columns`, set
-    once the observation is bound to a `space`.  `label` is empty if there is only one experiment.
+    noise.  `bind` sets the columns of these in `full` and `theta`: `columns` (None for all) and
+    `noise_columns`.  `label` is empty if there is only one experiment.
     """
 
     response: Simulator
@@ -154,7 +154,7 @@ class Observation:
     def for_rig(self, model: Model, sensing: ObservationModel) -> Self:
         """Return an unbound observation of another rig and other sensors, with the same steps.
 
-        New parameters have the same names in the space as in rig and sensors.
+        New parameters have the names of rig and sensors in the space, too.
         """
         old = self.response
         response = simulator(model, self.experiment, sensing, *(old.stepping or ()))
@@ -195,7 +195,7 @@ class Observation:
         return None
 
     def with_fixed_covariance(self, theta: Array) -> Self:
-        """Return it with a covariance that depends on the rig fixed at its value at `theta (D,)`."""
+        """Return the observation with a rig-dependent covariance fixed at `theta (D,)`."""
         return self
 
     def by_channel(self, full: Array, theta: Array) -> Array:
@@ -295,7 +295,7 @@ class LatentTorqueObservation(Observation):
 
     The `noise` of the sensors is white.  `process` has a number or an unknown for `SIZE` and `TIME`
     of the torque.  Arguments of the kernels `(W, n + P)` are the n unknowns of noise and torque, and
-    the P parameters of the simulator.  If given, `fixed (P,)` determine the covariance instead.
+    the P parameters of the simulator.  If given, `fixed (P,)` determine the covariance.
     """
 
     kalman_filter: KalmanFilter
@@ -336,7 +336,7 @@ class LatentTorqueObservation(Observation):
         return dataclasses.replace(self, fixed=tuple(map(float, parameters)))
 
     def scale_torque(self, factor: float) -> LatentTorqueObservation:
-        """Return the observation with the torque's size times `factor`; itself if it is unknown."""
+        """Return the observation with a known torque size times `factor`; an unknown one stays."""
         size = self.process[SIZE]
         if isinstance(size, Unknown):
             return self
@@ -410,7 +410,7 @@ class LatentTorqueObservation(Observation):
     def smooth(self, samples: Array, theta: Array) -> Array:
         """Return smoothed states `(W, T, n)` given all residuals `samples (W, T, K)`.
 
-        The last one is the torque over its size; others are deviations that the torque causes.
+        The last state is the torque over its size; the others are deviations that it causes.
         """
         with np.errstate(all="ignore"):
             states = self.kalman_filter.smooth(*self._filter_arguments(theta), samples)
@@ -526,7 +526,7 @@ def observe(
     if torque is None or process is None:
         return Observation(noise_names=names, **shared)
     if not noise.white:
-        why = "they could hardly be told apart; remove `noise:` of the channels, or this entry"
+        why = "they are hard to distinguish; remove `noise:` of the channels, or this entry"
         white = "beside a missing torque the noise of every channel has to be white"
         raise ValueError(f"{white}: {why}")
     step_lengths(response.experiment)

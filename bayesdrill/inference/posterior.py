@@ -25,9 +25,9 @@ from bayesdrill.rig.simulators.contract import Simulator
 
 @dataclass(frozen=True, slots=True)
 class Likelihood:
-    """The log likelihood of unknowns `theta (W, D)` is a sum over observations, which share them.
+    """The log likelihood of unknowns `theta (W, D)` is a sum over observations that share them.
 
-    Observations in `held_out` are only predicted: they do not count as evidence.
+    Observations in `held_out` are only predicted, and do not enter the sum.
     """
 
     observations: tuple[Observation, ...]
@@ -112,7 +112,7 @@ class Posterior:
         """Return the posterior with some parts replaced.
 
         `free` lists parameters that become unknown.  They were fixed, or `convert` introduces them.
-        Those of the rig come behind the rig's other unknowns, and all others before the noise.
+        New unknowns of the rig follow its other unknowns; all others precede those of the noise.
         `records` has a record `(T, K)` for each observation.  `convert` replaces each observation,
         also those that are held out; an example is `Observation.for_rig`.
         """
@@ -128,7 +128,7 @@ class Posterior:
         return Posterior(space, Likelihood(observations, space, held_out), coordinates)
 
     def with_simulators(self, simulator_of: Callable[[Observation], Simulator]) -> Posterior:
-        """Return the posterior with another simulator of each observation, also if held out."""
+        """Return the posterior with another simulator for each observation, held out or not."""
         return self.edit(convert=lambda old: dataclasses.replace(old, response=simulator_of(old)))
 
     def __call__(self, z: Array) -> Array:
@@ -190,10 +190,10 @@ class Formula:
 class Problem:
     """A problem is a posterior with the symbols, nominal values and units of its unknowns.
 
-    `nominal` maps names to nominal values, SI.  Names in `published` have theirs from a table.
-    `tolerance` holds relative tolerances of nominal values, and `derived` the config's formulas.
-    People read unknowns and derived quantities in `units`, and times in the unit `clock`.
-    `compared_with` is the phrase by which sentences name the nominal values.
+    `nominal` maps names to nominal values, SI.  The values of names in `published` come from a
+    table.  `tolerance` holds relative tolerances of nominal values, and `derived` the config's
+    formulas.  Reports show unknowns and derived quantities in `units`, and times in the unit
+    `clock`.  `compared_with` is a noun phrase for the nominal values in sentences.
     """
 
     posterior: Posterior
@@ -208,7 +208,7 @@ class Problem:
 
     @property
     def observations(self) -> tuple[Observation, ...]:
-        """Return the observations that are evidence."""
+        """Return the observations that enter the likelihood."""
         return self.posterior.likelihood.observations
 
     @property

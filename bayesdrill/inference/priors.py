@@ -1,8 +1,8 @@
 """Define prior families: normalised one-dimensional densities, SI.
 
-Nearly every parameter of a rig is positive, so a family that reaches below zero is cut there and
-renormalised.  A number of a sensor or a start, or an angle of a rig, may be negative: its prior has
-a `low` below zero, or none.  `logpdf` is -inf outside the support and never NaN.
+Nearly every parameter of a rig is positive, so a family that reaches below zero is truncated there
+and renormalised.  Numbers of sensors and starts, and angles of rigs, may be negative: their priors
+have a `low` below zero, or no `low`.  `logpdf` is -inf outside the support and never NaN.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 
 
 class Prior:
-    """A prior family has this contract and these defaults; its support is from `low` to `high`."""
+    """A prior family fulfils this contract; the support is from `low` to `high`."""
 
     __slots__ = ()
     # Whether the density is constant between the ends.
     flat: ClassVar[bool] = False
     # Whether the density of the logarithm is constant between the ends.
     flat_in_logs: ClassVar[bool] = False
-    # Whether the density vanishes at the ends, which are improbable then rather than bounds.
+    # Whether the density vanishes at the ends, so that no draw comes close to them.
     vanishes_at_ends: ClassVar[bool] = False
     # The template of `describe`, which is filled with the fields.
     words: ClassVar[str] = ""
@@ -43,7 +43,7 @@ class Prior:
 
     @property
     def in_logs(self) -> bool:
-        """Return whether the unknown is sampled by its logarithm: never if zero has a density."""
+        """Return whether the logarithm of the unknown is sampled: never if zero has a density."""
         return self.low > 0 or self.vanishes_at_ends
 
     def logpdf(self, x: Array) -> Array:
@@ -93,7 +93,7 @@ class _Positive(Prior):
 
 @dataclass(frozen=True, slots=True)
 class Uniform(Prior):
-    """The same density everywhere between low and high."""
+    """The density is the same everywhere between low and high."""
 
     flat: ClassVar[bool] = True
     words: ClassVar[str] = "uniform from {low:.6g} to {high:.6g}"
@@ -110,7 +110,7 @@ class Uniform(Prior):
 
 @dataclass(frozen=True, slots=True)
 class LogUniform(Prior):
-    """The log of the number is uniform between those of low and high."""
+    """The logarithm is uniform between log(low) and log(high)."""
 
     flat_in_logs: ClassVar[bool] = True
     words: ClassVar[str] = "log-uniform from {low:.6g} to {high:.6g}"
@@ -127,7 +127,7 @@ class LogUniform(Prior):
 
 @dataclass(frozen=True, slots=True)
 class TruncatedNormal(Prior):
-    """Normal(mean, sd) given low <= x <= high; mean and sd are those before truncation."""
+    """x is Normal(mean, sd) given low <= x <= high; mean and sd hold before truncation."""
 
     mean: Number
     sd: Positive
@@ -188,7 +188,7 @@ class LogNormal(_Positive):
 
 @dataclass(frozen=True, slots=True)
 class HalfNormal(_Positive):
-    """|Normal(0, scale)|."""
+    """x is the absolute value of a Normal(0, scale) number."""
 
     words: ClassVar[str] = "half-normal, scale {scale:.6g}"
 
@@ -203,21 +203,21 @@ class HalfNormal(_Positive):
 
 
 def flat_in_logs(prior: Prior | None) -> bool:
-    """Return whether a prior, if there is one, is flat in the log of the unknown."""
+    """Return whether there is a prior and it is flat in the log of the unknown."""
     return prior is not None and prior.flat_in_logs
 
 
 def normal(mean: Number, sd: Positive) -> TruncatedNormal:
-    """Cut at zero and renormalised, as most parameters are positive."""
+    """Return a normal prior that is truncated at zero, as most parameters are positive."""
     return TruncatedNormal(mean, sd)
 
 
 def uncut_normal(mean: Number, sd: Positive) -> TruncatedNormal:
-    """Not cut anywhere."""
+    """Return a normal prior without truncation."""
     return TruncatedNormal(mean, sd, -math.inf, math.inf)
 
 
-# Keys are the names in a config.  Annotated fields are entries there, with their bounds.
+# Keys are names in a config.  Annotated fields of the families are entries with bounds.
 PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
     {
         "uniform": Uniform,

@@ -22,21 +22,21 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood
 from bayesdrill.record.experiment import Channel
 
-FALSE_ALARM = 0.01  # probability of any finding if the model and its noise are right
+FALSE_ALARM = 0.01  # probability of a finding if the model and its noise are right
 # Above this rms over sigma, statements that assume the noise are not believed.
 MAX_BELIEVABLE_RMS = 1.5
-# At this correlation of neighbours, sds are too small by a factor of two.
+# If neighbours are correlated this much, sds are too small by a factor of two.
 MAX_BELIEVABLE_CORRELATION = 0.6
 TESTS_PER_CHANNEL = 5  # size and correlation in both directions, and the largest residual
 N_LAGS = 25  # largest lag [samples] at which correlations are shown
 MAX_MEMORY_LAG = 100  # largest lag [samples] at which autocorrelations count in sds
-BAND_PROBABILITY = 0.99  # probability that an uncorrelated pair lies inside its band
-MAX_STEPS_PER_SAMPLE = 4  # a record with more steps than this per sample has no regular step
+BAND_PROBABILITY = 0.99  # probability that an uncorrelated value lies inside its band
+MAX_STEPS_PER_SAMPLE = 4  # a record with more grid steps per sample has no regular step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualLimits:
-    """Noise alone keeps the rms over sigma from `least` to `most`, and all else below its limit."""
+    """Noise alone keeps the rms over sigma from `least` to `most`, and the rest below limits."""
 
     least: float
     most: float
@@ -48,10 +48,10 @@ class ResidualLimits:
 class ResidualSummary:
     """A summary describes the residuals of one channel.
 
-    `rms` is over sigma, and `correlation` is that of neighbours.  The largest residual, `farthest`
-    in sigmas, is at `time` [s].  `share` is the rms error over the channel's standard deviation;
-    `simulated` is that of the simulation alone, and `ahead` that of predictions one step ahead.
-    All three are NaN if the channel is constant.  `experiment` is empty if there is only one.
+    `rms` is relative to sigma, and `correlation` is that of neighbouring samples.  The largest
+    residual, `farthest` in sigmas, is at `time` [s].  `share` is the rms error over the channel's
+    standard deviation; `simulated` is that of the simulation alone, and `ahead` that of predictions
+    one step ahead. All three are NaN if the channel is constant.  A single `experiment` is empty.
     """
 
     channel: str
@@ -87,7 +87,7 @@ class ResidualSummary:
 
     @property
     def like_noise(self) -> bool:
-        """Return whether nothing contradicts the model; small residuals only make sds too large."""
+        """Return whether nothing contradicts the model; small residuals are allowed."""
         return not (self.large or self.correlated or self.far)
 
     @property
@@ -103,7 +103,7 @@ class ResidualSummary:
 
     @property
     def far(self) -> bool:
-        """Return whether there are outliers, in a channel whose rms is not too large anyway."""
+        """Return whether there are outliers although the rms is not too large."""
         return self.farthest > self.limits.farthest and not self.large
 
 
@@ -169,8 +169,8 @@ class ResidualCorrelation:
     """The whitened residuals of a channel are correlated with a measured `input`, or themselves.
 
     An autocorrelation has an empty `input`.  A positive lag in `lags (L,)` [samples] means that the
-    input comes first.  `values (L,)` have the standard deviations `sds (L,)` if nothing is related.
-    Samples are `step` [s] apart.  `experiment` is a label, empty if there is only one.
+    input comes first.  `values (L,)` have the standard deviations `sds (L,)` if there is no
+    correlation. Samples are `step` [s] apart.  `experiment` is a label, empty if there is only one.
     """
 
     channel: Channel
@@ -200,7 +200,7 @@ def correlations(likelihood: Likelihood, theta: Array) -> tuple[ResidualCorrelat
 
 
 def followed_inputs(correlations: Sequence[ResidualCorrelation]) -> tuple[Finding, ...]:
-    """Return which residuals follow an input more than chance explains, allowing for all lags."""
+    """Return the residuals that follow an input more than chance explains at any of the lags."""
     of_inputs = [correlation for correlation in correlations if correlation.input]
     looks = sum(len(correlation.lags) for correlation in of_inputs)
     findings = []
@@ -246,7 +246,7 @@ def _correlations(
         rho = memory[1]
         prewhitened = residuals[1:] - rho * residuals[:-1]
         memory, _ = _correlated(prewhitened, prewhitened, lags)
-        significant = np.where(np.abs(memory) > 2.0 * sds, memory, 0.0)  # others may be chance
+        significant = np.where(np.abs(memory) > 2.0 * sds, memory, 0.0)  # else by chance
         for name, series in inputs.items():
             values = np.full(len(residuals), np.nan)
             values[indices] = series[measured] - series[measured].mean()

@@ -15,28 +15,28 @@ from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS, Simulator
 
 StepSizes = tuple[int, int]  # steps per sample, and substeps of a step with a reversal
 
-TRUTH_REFINEMENT = 16  # a reference solution has this many times as many steps
+TRUTH_REFINEMENT = 16  # ratio of the reference solution's steps to the present ones
 MAX_ERROR_OVER_NOISE = 0.1  # largest accepted error of a sample, in sds of its noise
-# Steps are chosen with this share of the accepted error, as they are used at other points, too.
+# The error of chosen steps stays below this share, as other points may have larger errors.
 CHOICE_MARGIN = 0.5
-N_POINTS = 8  # number of points at which steps are tried: they take no longer than one
-SCATTER = 0.1  # largest relative distance of an unknown at these points
-N_OUTLIERS = 1  # number of these points at which the error may be larger
-MAX_CHOSEN_PIECES = 64  # steps per sample: more are never chosen
+N_POINTS = 8  # number of points at which steps are tried; one point would take as long
+SCATTER = 0.1  # largest relative distance of these points in each unknown
+N_OUTLIERS = 1  # number of these points that may exceed the error
+MAX_CHOSEN_PIECES = 64  # largest number of steps per sample that is chosen
 # Candidates are tried in this order, the fastest first.
 PIECES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MAX_CHOSEN_PIECES)
 CANDIDATE_STEPS = ((1, 1), *((pieces, REVERSAL_SUBSTEPS) for pieces in PIECES))
 MAX_TRUTH_STEPS = 4_000_000  # largest number of steps of a reference solution
-# Numbers of draws for the evidence: the fewer, the more expensive a reference solution is.
+# Limits of the number of draws for the evidence, which falls with the cost of a reference.
 MAX_EVIDENCE_DRAWS, MIN_EVIDENCE_DRAWS = 1000, 16
 DRAWS_PER_BATCH = 50  # bounds memory, as some noises need all samples
 MAX_TOTAL_STEPS = 400_000_000  # largest number of steps of all reference solutions together
-COARSER_TRUTH = 2  # factor of a coarser reference; its distance estimates the reference's own error
+COARSER_TRUTH = 2  # step ratio of a coarser reference, which shows the reference's own error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepError:
-    """Steps cause at most `errors (K,)`, in sds of each channel's noise, in one experiment."""
+    """Time steps of an experiment cause at most `errors (K,)`, in sds of each channel's noise."""
 
     label: str
     channels: tuple[str, ...]
@@ -57,8 +57,8 @@ class StepError:
 def evidence_shift(posterior: Posterior, draws: Array) -> tuple[float, float] | None:
     """Return how much finer steps change a log evidence, and the standard error of this change.
 
-    The ratio of evidences is the posterior mean, over physical `draws (N, D)`, of that of likelihoods
-    with finer and present steps.  The result is None without steps, or without a finite response.
+    The ratio of evidences is the posterior mean of the ratio of likelihoods with finer and present
+    steps, over physical `draws (N, D)`.  The result is None without steps or a finite response.
     """
     references = [_truth(each.response) for each in posterior.likelihood.observations]
     steps = sum(
@@ -106,7 +106,7 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
 
 
 def choose_steps(posterior: Posterior, theta: Array, most: int = MAX_CHOSEN_PIECES) -> Posterior:
-    """Return the posterior with the fastest steps, up to `most`, that suffice about `theta (D,)`."""
+    """Return the posterior with the fastest steps, up to `most`, that suffice near `theta (D,)`."""
     # At one point alone, errors may be small by coincidence.
     relative = np.random.default_rng(0).uniform(-SCATTER, SCATTER, (N_POINTS, len(theta)))
     relative[0] = 0.0
@@ -119,14 +119,14 @@ def choose_steps(posterior: Posterior, theta: Array, most: int = MAX_CHOSEN_PIEC
 
 
 def chosen_steps(posterior: Posterior) -> dict[str, StepSizes]:
-    """Return chosen steps by the labels of experiments; those that a config sets are left out."""
+    """Return automatically chosen steps by the labels of experiments."""
     observations = (*posterior.likelihood.observations, *posterior.likelihood.held_out)
     steppings = {observation.label: observation.response.stepping for observation in observations}
     return {label: (s.pieces, s.turns) for label, s in steppings.items() if s and s.chosen}
 
 
 def with_steps(posterior: Posterior, steps: Mapping[str, StepSizes]) -> Posterior:
-    """Return the posterior with `steps` by label; itself if it already has these."""
+    """Return the posterior with `steps` by label; the same one if it has these already."""
     if steps.items() <= chosen_steps(posterior).items():
         return posterior
 
@@ -161,7 +161,7 @@ def _truth(response: Simulator, part: int = 1) -> Simulator:
 
 
 def _errors(observation: Observation, response: Simulator, full: Array, theta: Array) -> Array:
-    """Return the largest error `(W, K)` of a sample by the steps of `response`, in sds of noise."""
+    """Return the largest error `(W, K)` that the steps of `response` cause, in sds of noise."""
     parameters = observation.simulator_parameters(full)
     truth = _truth(response).signals(parameters)
     errors = np.abs(response.signals(parameters) - truth)

@@ -1,10 +1,10 @@
 """Declare which quantities are unknown or fixed, and define the coordinates of the sampler.
 
-Equations of rigs contain products and ratios, so the logarithm is the natural coordinate.  It does
-not suit an unknown whose prior reaches down to zero, since the log has an endless tail there.  A
-number between two ends, such as a correlation, has its probit as coordinate.  A uniform prior is a
-Gaussian over the probit, which a Gaussian proposal covers; over a logit its tails are exponential.
-A number that may be negative, such as an offset, is its own coordinate.
+Equations of rigs contain products and ratios, so the logarithm is the natural coordinate.  The
+logarithm does not suit an unknown whose prior reaches down to zero, since the log has an endless
+tail there.  A number between two ends, such as a correlation, has its probit as coordinate.  A
+uniform prior is a Gaussian over the probit, which a Gaussian proposal covers; over the logit it has
+exponential tails. A number that may be negative, such as an offset, is its own coordinate.
 """
 
 from __future__ import annotations
@@ -35,8 +35,7 @@ class Coordinates:
 
     `logs` says for each of the D unknowns whether its coordinate is its log.  `between` lists
     `(column, low, high)` of unknowns whose coordinate is the probit between two ends.  `signed`
-    lists `(column, step)` of unknowns that need not be positive; `step` is the change that counts
-    as one on its natural scale.
+    lists `(column, step)` of unknowns that need not be positive; `step` is the natural unit.
     """
 
     logs: tuple[bool, ...]
@@ -98,11 +97,12 @@ class Coordinates:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Directions:
-    """These are q directions at unknowns `theta (W, D)`, along which slopes are taken.
+    """Slopes are taken along q directions at unknowns `theta (W, D)`.
 
     `full (W, P)` are parameters at `theta`.  `columns (D, q)` are directions of coordinates, and
-    `parameter_directions (W, q, P)` those of parameters; None if none moves.  `slopes (W, D)` is
-    d unknown / d coordinate, and `by_log (W, D)` is d natural scale of the unknown / d coordinate.
+    `parameter_directions (W, q, P)` those of parameters, or None if no parameter moves.  `slopes
+    (W, D)` is d unknown / d coordinate, and `by_log (W, D)` is d natural scale of the unknown / d
+    coordinate.
     """
 
     theta: Array
@@ -140,7 +140,7 @@ class Unknown:
     """An unknown is declared by the part that it belongs to; a search begins at `start`, in SI.
 
     `transform` gives the coordinate of the sampler: "log", "plain", or the ends of a probit.  None
-    takes the log if the prior allows that, and else the unknown itself.
+    chooses the log if the prior allows it, or else the unknown itself.
     """
 
     symbol: Symbol
@@ -165,13 +165,13 @@ class Unknown:
 
     @property
     def signed(self) -> bool:
-        """Return whether it may be zero or negative, so that its logarithm cannot be sampled."""
+        """Return whether the unknown may be zero or negative, so that it has no logarithm."""
         small = self.role in ("offset", "sensor", "start") and not self.in_logs
         return self.between is not None or self.prior.low < 0 or small
 
     @property
     def scale(self) -> float:
-        """Return the step that is one on the natural scale, for an unknown that may be negative."""
+        """Return the unit of the natural scale for an unknown that may be negative."""
         return 1.0 if self.between is not None else prior_sd(self.prior)
 
     @property
@@ -202,9 +202,9 @@ def labelled_symbol(symbol: Symbol, label: str) -> Symbol:
 class ParameterSpace:
     """A parameter space has D `unknowns`, and P parameters of the `model` that follow from them.
 
-    Unknowns of the noise come last.  `model` names the parameters of rig, sensors and starts, which are
-    unknown, `fixed`, or follow from others by `relations`, which may be negative for those that are
-    `signed`.  `theta (W, D)` is always physical, SI.
+    Unknowns of the noise come last.  `model` names the parameters of rig, sensors and starts.  They
+    are unknown, `fixed`, or follow from others by `relations`; only `signed` ones may be negative.
+    `theta (W, D)` is always physical, SI.
     """
 
     model: tuple[str, ...]
@@ -225,7 +225,7 @@ class ParameterSpace:
 
     @cached_property
     def start(self) -> Mapping[str, float]:
-        """Return the values at which a search begins, by name."""
+        """Return the start values of a search by name."""
         return {unknown.name: unknown.start for unknown in self.unknowns}
 
     def columns(self, *roles: Role) -> list[int]:
@@ -297,7 +297,7 @@ class ParameterSpace:
 
     @cached_property
     def bounding(self) -> tuple[str, ...]:
-        """Return parameters whose relation may give a number that is not positive."""
+        """Return positive parameters whose relation may give a number that is not positive."""
         negative = {unknown.name for unknown in self.unknowns if unknown.prior.low < 0}
         negative |= {name for name, value in self.fixed.items() if value <= 0}
         return tuple(
@@ -308,7 +308,7 @@ class ParameterSpace:
 
     @cached_property
     def box(self) -> tuple[list[int], Array, Array, float]:
-        """Return columns, least and greatest values and joint log density of all uniform priors."""
+        """Return the columns, ends and joint log density of all uniform priors."""
         boxes = {c: u for c, u in enumerate(self.unknowns) if u.prior.flat}
         low = np.array([u.prior.low for u in boxes.values()])
         high = np.array([u.prior.high for u in boxes.values()])

@@ -1,7 +1,7 @@
-"""Read what was measured: files of every format (`formats/`) become one `Experiment` in SI.
+"""Read records: files of every format (`formats/`) become one `Experiment` in SI.
 
-`clocks` handles times, and `anomalies` finds samples that the sensor made. Nothing here knows a rig, an
-unknown or a config.
+`clocks` handles times, and `anomalies` finds samples that the sensor made. Nothing here depends on
+a rig, an unknown or a config.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Find samples that the sensor made, not the rig: spikes, stuck or clipped values, wraps, differences.
+"""Find errors of sensors: spikes, stuck or clipped values, wraps, and differences as speeds.
 
-A spike leaves the signal and returns within a few samples, about as fast as it left. Up to three
-samples are compared with the chord between their neighbours. Longer spikes are compared with a running
-median, which keeps steps and follows ramps. The scale is the size of other departures around the
-spike: peaks of a swing resemble each other, as do pulses and quantised speeds. A departure right after
-a jump of an input belongs to the rig.
+In a spike, the values leave the course of the signal and return within a few samples, about as
+fast. Spikes of up to three samples are compared with the chord between their neighbours. Longer
+spikes are compared with a running median, which keeps steps and follows ramps. The height of a
+spike is relative to other departures around it, since peaks of a swing, pulses and quantised speeds
+resemble their neighbours. A departure right after a jump of an input is motion of the rig.
 """
 
 from __future__ import annotations
@@ -18,38 +18,38 @@ from numpy.lib.stride_tricks import sliding_window_view
 from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.record.regression import linear_fit
 
-MAX_SHORT_SPIKE = 3  # samples of a spike that is compared with the chord between its neighbours
-MAX_LONG_SPIKES = (6, 20)  # samples of a longer spike; each has a running median of its own width
+MAX_SHORT_SPIKE = 3  # longest spike, in samples, that is compared with a chord
+MAX_LONG_SPIKES = (6, 20)  # in samples; each length has a running median of its own width
 
-# Thresholds from which on a departure counts.
+# Thresholds beyond which a departure is a spike.
 MIN_SPIKE_SDS = 2.0  # height of a short spike, in sds of the channel
-SWING_WINDOW = 6  # lengths of a long spike, within which a swing would go to the other side
-MIN_DEPARTURE = 5.0  # height of a short spike over the departures around it
-AROUND_SPIKE = 60  # samples on either side whose departures are the scale
-AROUND_QUANTILE = 0.95  # their quantile that counts, as other spikes may be among them
-MIN_LONG_DEPARTURE = 6.0  # height of a long spike over the typical departure
-TYPICAL_QUANTILE = 0.9  # quantile of departures that counts as typical
+SWING_WINDOW = 6  # in lengths of a long spike; a swing reaches the other side within it
+MIN_DEPARTURE = 5.0  # ratio of a short spike's height to departures around it
+AROUND_SPIKE = 60  # samples on either side whose departures are compared with a spike
+AROUND_QUANTILE = 0.95  # quantile of these departures, since they may include other spikes
+MIN_LONG_DEPARTURE = 6.0  # ratio of a long spike's height to the typical departure
+TYPICAL_QUANTILE = 0.9  # quantile of departures that is called typical
 MAX_SLOPE_RATIO = 3.0  # ratio of the slopes on the way out and back
-MAX_SWING = 0.3  # relative height on the other side, beyond which it is an oscillation
-MAX_RETURN_ERROR = 0.35  # relative height by which the signal may miss its former value
-INPUT_JUMP = 0.2  # change within one step, relative to the input's range
-MAX_JUMP_SHARE = 0.1  # share of samples with jumps, beyond which jumps explain no single spike
+MAX_SWING = 0.3  # relative height on the other side, beyond which a spike is an oscillation
+MAX_RETURN_ERROR = 0.35  # largest relative distance of the value after a spike from that before it
+INPUT_JUMP = 0.2  # relative change of an input in one step that is a jump
+MAX_JUMP_SHARE = 0.1  # share of samples with jumps above which jumps explain no spike
 MIN_SAMPLES = 60  # fewer samples are not searched for spikes
-MIN_STUCK_RUN = 10  # samples of equal value
+MIN_STUCK_RUN = 10  # least number of equal samples
 MAX_ZERO_STEPS = 0.05  # share of steps that may be zero in a channel that has noise
-MIN_CLIPPED_RUN = 3  # samples of a run at an end of the range
-MIN_CLIPPED_SAMPLES = 10  # samples of all such runs
-MIN_CLIPPED_STEP = 2.5  # last step before a run, in digits: no signal reverses from such a speed
-WRAP_MARGIN = 0.1  # in periods: a jump this near to half a period may go either way
+MIN_CLIPPED_RUN = 3  # least number of samples of a run at an end of the range
+MIN_CLIPPED_SAMPLES = 10  # least number of samples of all such runs
+MIN_CLIPPED_STEP = 2.5  # least step before a run, in digits; a signal is slower where it turns
+WRAP_MARGIN = 0.1  # in periods: a jump this near to half a period has no clear direction
 FILTER_REACH = 3  # samples on either side that a filter may use
-STRETCH = 1 << 20  # samples that are searched at once
-OVERLAP = 4096  # additional samples on either side of them
+STRETCH = 1 << 20  # number of samples that are searched at once
+OVERLAP = 4096  # number of additional samples on either side of a stretch
 MAX_NUMPY_MEDIAN = 10_000  # for fewer samples NumPy is faster than importing SciPy's median
 
 
 @dataclass(frozen=True, slots=True)
 class Spans:
-    """The spans are runs of samples of a column, from `first[j]` to `last[j]` inclusive."""
+    """Each span is a run of samples of a column, from `first[j]` to `last[j]` inclusive."""
 
     first: Indices
     last: Indices
@@ -82,8 +82,8 @@ def spikes(
 ) -> Spans:
     """Find spikes in finite `x (T,)`; `caused (T,)` marks samples at which an input has just jumped.
 
-    With `wide`, spikes of more than two samples count, which in an input may be intended. With `inert`,
-    `x` is an angle or speed, which no input moves there and back within `MAX_SHORT_SPIKE` samples.
+    With `wide`, spikes of more than two samples count; in an input, these may be intended. With
+    `inert`, no input can move `x` there and back within `MAX_SHORT_SPIKE` samples.
     """
     mask = np.zeros(len(x), dtype=np.bool_)
     if len(x) < MIN_SAMPLES:
@@ -109,7 +109,7 @@ def _spike_mask(x: Array, caused: Flags, *, wide: bool, inert: bool) -> Flags:
 
 
 def jumps(x: Array) -> Indices:
-    """Return the samples of an input `x (T,)` at which it has just jumped; gaps are skipped."""
+    """Return the samples right after jumps of an input `x (T,)`; gaps are skipped."""
     known = np.flatnonzero(np.isfinite(x))
     steps = np.abs(np.diff(x[known]))
     return known[1:][steps > INPUT_JUMP * np.ptp(x[known])]
@@ -154,7 +154,7 @@ def saturated(x: Array) -> Spans:
 
 
 def _running_median(x: Array, size: int) -> Array:
-    """Return the median `(T,)` of `size` samples around each; the ends of `x (T,)` are repeated."""
+    """Return the running median `(T,)` of `size` samples; the ends of `x (T,)` are repeated."""
     if len(x) > MAX_NUMPY_MEDIAN:
         return np.asarray(scipy.ndimage.median_filter(x, size, mode="nearest"))
     around = sliding_window_view(np.pad(x, size // 2, mode="edge"), size)
@@ -253,9 +253,9 @@ def _is_spike(x: Array, away: Array, at: tuple[int, int, int], longest: int) -> 
     )
 
 
-MAX_NOISE_RATIO = 0.02  # residual of a speed given the angle's steps, over that given its own past
+MAX_NOISE_RATIO = 0.02  # residual of a speed predicted from angle steps, over that from its past
 MIN_DIFFERENCED_SAMPLES = 50
-MAX_FILTER_POLE = 0.95  # weight of the filter's last value; at 1 it would sum, not difference
+MAX_FILTER_POLE = 0.95  # weight of a filter's last value; at 1 the filter would be a sum
 
 
 def ambiguous(x: Array, period: float) -> Indices:
@@ -289,7 +289,7 @@ def quotients(x: Array, t: Array) -> dict[str, Array]:
 
 
 def nearest_quotient(x: Array, w: Array, t: Array) -> tuple[str, float]:
-    """Return which difference quotient of `x` is nearest to `w (T,)`, and its relative rms distance."""
+    """Return the name of the difference quotient of `x` nearest to `w (T,)`, and the distance."""
     middle = w[1:-1]
     size = float(np.sqrt(np.mean(middle**2))) or 1.0
     mismatch = {
@@ -301,9 +301,9 @@ def nearest_quotient(x: Array, w: Array, t: Array) -> tuple[str, float]:
 
 
 def differenced(x: Array, w: Array, dt: float) -> bool:
-    """Return whether `w (T,)` is no measurement, but (filtered) differences of `x`.
+    """Return whether `w (T,)` consists of (filtered) differences of `x` and was not measured.
 
-    The residual of predicting `w` from its past is its own noise, unless recent steps of `x` explain it.
+    A measured `w`, predicted from its past, has a residual that recent steps of `x` do not explain.
     """
     if len(x) < MIN_DIFFERENCED_SAMPLES or not np.any(np.diff(w)):
         return False
@@ -316,5 +316,5 @@ def differenced(x: Array, w: Array, dt: float) -> bool:
     past = lagged(w, range(1, reach + 1))
     _, alone = linear_fit(now, past)
     factors, both = linear_fit(now, past[:1] + lagged(step, range(-reach, reach + 1)))
-    rough = alone > (1e-9 * float(np.ptp(w))) ** 2  # less is rounding
+    rough = alone > (1e-9 * float(np.ptp(w))) ** 2  # a smaller residual is rounding
     return rough and both < MAX_NOISE_RATIO**2 * alone and float(factors[0]) < MAX_FILTER_POLE

@@ -1,4 +1,4 @@
-"""Handle times of records: even and uneven grids, several clocks as one, and zero-phase decimation."""
+"""Handle times of records: even and uneven grids, merged clocks, and zero-phase decimation."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Counts, Indices
 from bayesdrill.record.experiment import STEP_TOLERANCE, is_even
 
-SAME_TIME = 1e-9  # in steps: times nearer than this are the same
-MAX_SPARSITY = 10  # grid points per sample; a finer grid fits any times
+SAME_TIME = 1e-9  # in steps: closer times are the same
+MAX_SPARSITY = 10  # largest number of grid points per sample; a finer grid would fit any times
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,12 +30,12 @@ class SampleGrid:
 
 
 def grid(t: Array) -> SampleGrid | None:
-    """Return the even grid of times `t (T,)`, if each is within `STEP_TOLERANCE` steps of one."""
+    """Return the even grid with points within `STEP_TOLERANCE` steps of times `t (T,)`, or None."""
     if len(t) < 3:
         return None
     steps, centre = np.diff(t), t.mean()
     for step in (float(np.median(steps)), float(steps.min())):
-        similar = steps[np.abs(steps - step) < step / 4]  # a mean, as times may be rounded
+        similar = steps[np.abs(steps - step) < step / 4]  # averaged, as times may be rounded
         indices = np.concatenate([[0.0], np.cumsum(np.round(steps / similar.mean()))])
         if not np.all(np.diff(indices) > 0) or indices[-1] > MAX_SPARSITY * len(t):
             continue
@@ -49,7 +49,7 @@ def grid(t: Array) -> SampleGrid | None:
 
 
 def on_grid(t: Array) -> Array:
-    """Return `t (T,)` if its steps are equal or fit no grid, else the times of the grid."""
+    """Return the times of the grid of `t (T,)`; `t` itself if it is even or has no grid."""
     nearest = None if is_even(t) else grid(t)
     return t if nearest is None else nearest.times
 
@@ -84,7 +84,7 @@ def _gaps(t: Array, grid: SampleGrid) -> str:
 
 
 def union(clocks: Sequence[Array]) -> Array:
-    """Merge the times of all `clocks`, each increasing; a time that several share occurs once."""
+    """Merge the increasing times of all `clocks`; a common time occurs once."""
     t = np.sort(np.concatenate(clocks))
     step = min(map(median_step, clocks))
     tolerance = max(SAME_TIME * step if step < math.inf else 0.0, _rounding(t))
@@ -92,7 +92,7 @@ def union(clocks: Sequence[Array]) -> Array:
 
 
 def crowded_time(t: Array, clocks: Sequence[Array]) -> float:
-    """Return a time of the `union` `t` that another follows within far less than a step, or NaN."""
+    """Return a time of the `union` `t` whose successor is far less than a step away, or NaN."""
     close = np.flatnonzero(np.diff(t) < STEP_TOLERANCE * min(map(median_step, clocks)))
     return float(t[close[0]]) if len(close) else math.nan
 
@@ -107,7 +107,7 @@ def _rounding(t: Array) -> float:
 
 
 def indices_in(t: Array, clock: Array) -> Indices:
-    """Return the index in the `union` `t` of each time of `clock`, which is part of it."""
+    """Return the indices of the times of `clock` in the `union` `t`."""
     if len(t) < 2:
         return np.zeros(len(clock), dtype=np.intp)
     after = np.clip(np.searchsorted(t, clock), 1, len(t) - 1)
@@ -124,14 +124,14 @@ def hold_input(t: Array, clock: Array, values: Array, *, first_order: bool) -> A
     return np.asarray(values[np.maximum(last, 0)], dtype=np.float64)
 
 
-TAPS_PER_FACTOR = 20  # the filter has this many samples per unit of the factor, and one more
-CUTOFF_SHARE = 0.8  # cutoff, where half of the amplitude passes, over the new Nyquist frequency
-KAISER_BETA = 8.0  # gain is 1 to 1e-5 up to half the new Nyquist frequency, below 1e-4 from 1.2 on
+TAPS_PER_FACTOR = 20  # length of the filter minus 1, over the factor
+CUTOFF_SHARE = 0.8  # frequency of half the amplitude, over the new Nyquist frequency
+KAISER_BETA = 8.0  # gain 1 (to 1e-5) below 0.5 and < 1e-4 above 1.2 of the new Nyquist frequency
 
 
 @dataclass(frozen=True, slots=True)
 class DecimatedSignals:
-    """Decimated signals are `y (n, K)` at `samples (n,)`; `removed (K,)` is the sd of the rest."""
+    """Decimated signals are `y (n, K)` at `samples (n,)`; `removed (K,)` is the sd filtered out."""
 
     y: Array
     samples: Indices
@@ -151,7 +151,7 @@ def cutoff(factor: int, dt: float) -> float:
 def decimated(y: Array, factor: int) -> DecimatedSignals:
     """Filter `y (T, K)`, without NaN at equal steps, by a Kaiser-window FIR, and decimate it.
 
-    No sample within half the filter length of an end remains.
+    Samples within half the filter length of an end are dropped.
     """
     from scipy.signal import firwin, oaconvolve
 

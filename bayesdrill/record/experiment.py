@@ -1,4 +1,4 @@
-"""Define an experiment: one record, its inputs and its start, in SI, checked once and then trusted."""
+"""Define an experiment: one record with inputs and start, in SI, which is checked only once."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from bayesdrill.basics.errors import InputError, Issue, count_noun
 from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.basics.units import SECOND, Unit
 
-EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # day numbers of Excel and MATLAB in our time
-MAX_REPEATED_TIMES = 0.1  # share of zero steps beyond which times have too few digits
-MAX_VALUE = 1e40  # 9.91e37, which SCPI writes for NaN, is below it, and may be masked as a glitch
+EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # range of present day numbers of Excel and MATLAB
+MAX_REPEATED_TIMES = 0.1  # share of zero steps above which times have too few digits
+MAX_VALUE = 1e40  # allows 9.91e37, SCPI's NaN, which may be masked as a glitch
 STEP_TOLERANCE = 1e-3  # relative deviation of a time step from the median one
 
 
@@ -24,7 +24,7 @@ STEP_TOLERANCE = 1e-3  # relative deviation of a time step from the median one
 class Channel:
     """A channel is a measured linear combination of states; `unit` is SI, `latex` without dollars.
 
-    `column` is the unit of its column in the file, if known; `factor` is in SI units per such unit.
+    `column` is the unit of the column in the file, if known; `factor` converts it to SI.
     """
 
     name: str
@@ -73,9 +73,10 @@ class Experiment:
 
     Times `t (T,)` of all clocks increase. Signals `y (T, K)` have a column for each channel, with NaN
     where it was not measured. Inputs are `constant`, or a measured `series (T,)` with a first- or
-    zero-order hold. States at `t_start <= t[0]` are in `start`; others are zero. `told` lists how the
-    files' numbers were changed, and `odd` their anomalies. Samples in `held_out (T, K)`, which is NaN
-    elsewhere, are no evidence. `input_steps` has the median step [s] of each series, by default `dt`.
+    zero-order hold. States at `t_start <= t[0]` are in `start`; others are zero. `told` lists
+    changes of the files' numbers, and `odd` their anomalies. Samples in `held_out (T, K)`, which is
+    NaN elsewhere, do not enter the likelihood. `input_steps` has each series' median step [s], or
+    `dt`.
     """
 
     t: Array
@@ -111,7 +112,7 @@ class Experiment:
         return is_even(self.t)
 
     def first(self, samples: int) -> Experiment:
-        """Return the experiment with its first samples alone."""
+        """Return the experiment with only its first samples."""
         here = slice(0, samples)
         return dataclasses.replace(
             self,
@@ -153,7 +154,7 @@ class Experiment:
 
 
 def is_even(t: Array) -> bool:
-    """Return whether steps of `t (T,)`, or distances from an even grid, agree to `STEP_TOLERANCE`."""
+    """Return whether steps of `t (T,)`, or distances from a grid, are equal to `STEP_TOLERANCE`."""
     if len(t) < 3:
         return True
     step = (t[-1] - t[0]) / (len(t) - 1)
@@ -170,7 +171,7 @@ def is_even(t: Array) -> bool:
 def with_states(
     experiment: Experiment, states: Sequence[str], *, alone: bool = False
 ) -> Experiment:
-    """Return the experiment with a zero channel for each state after its channels, or `alone`."""
+    """Return the experiment with a zero channel for each state, after its channels or `alone`."""
     shown = tuple(
         Channel(name=f"state {name}", weights={name: 1.0}, unit="", latex="", latex_unit="")
         for name in states
@@ -182,9 +183,9 @@ def with_states(
 
 
 def channels_first(experiment: Experiment, states: Sequence[str], shown: Array) -> Array:
-    """Return what perfect sensors show of states, then the states `shown (..., X)`.
+    """Return the channels of `states` with perfect sensors, then the states `shown (..., X)`.
 
-    In this way one kernel of the states serves any channels.
+    One kernel of the states thus serves any channels.
     """
     with np.errstate(all="ignore"):  # a state may overflow
         channels = shown @ experiment.weights(tuple(states)).T
@@ -213,9 +214,9 @@ def check_series(
     missing: bool = False,
     instead: str = "",
 ) -> list[Issue]:
-    """Check that numbers are present, of a computable size, and vary where they have to.
+    """Check that numbers are present and not too large, and that they vary where they have to.
 
-    NaN is allowed if `missing`; measured channels have to be `varying`. Fourth powers must stay finite.
+    NaN is allowed if `missing`; channels have to be `varying`. Fourth powers must stay finite.
     Messages begin with `what`, and may end with an alternative, `instead`.
     """
     bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
@@ -234,7 +235,7 @@ def check_series(
         count = f"{count_noun(len(beyond), 'number')} beyond {MAX_VALUE:g}, {_rows(beyond, where)}"
         message = f"{what} has {count}; correct or cut these rows"
     elif 0 < width < SMALLEST:
-        message = f"{what} varies by {width:.3g}, which nothing measures; check the column"
+        message = f"{what} varies by only {width:.3g}; check the column"
     elif varying and len(numbers) > 1 and width == 0:
         flat = f"{what} is {numbers[0]:g} in every row: a constant channel carries no information"
         message = f"{flat}; check the column, or leave the channel out"
@@ -271,12 +272,12 @@ def _why_back(t: Array, steps: Array) -> str:
     if np.all(steps < 0):
         return "each row is earlier than the one before: turn the rows around, or check the column"
     if np.sum(back) == 1 and t[np.argmax(back) + 1] <= t[0]:
-        return "a second recording seems to begin there: cut it off by `record.rows`, or remove repeats"
+        return "a second recording seems to begin there: cut it off by `record.rows`, or remove it"
     return "sort the rows, remove repeated ones, or check the column and unit"
 
 
 def calendar_hint(t: Array) -> str:
-    """Return a hint that times may be days of a calendar; empty if they are not."""
+    """Return a hint if times may be days of a calendar, else an empty text."""
     if EARLIEST_DAY < t[0] < LATEST_DAY and t[-1] - t[0] < 1:
         days = f"numbers like {t[0]:.6g} may be days of a calendar (Excel, MATLAB's datenum)"
         return f"; {days}: save seconds since the start, or give time: {{rate: ...}}"
@@ -284,7 +285,7 @@ def calendar_hint(t: Array) -> str:
 
 
 def check_length(location: str, counts: Sequence[int], n_unknown: int) -> list[Issue]:
-    """Check that channels with `counts` samples outnumber the unknowns, and that one has a time step."""
+    """Check that there are more samples than unknowns, and that a channel has a time step."""
     if max(counts) >= 2 and sum(counts) > n_unknown:
         return []
     length = f"{count_noun(max(counts), 'sample')} of {count_noun(len(counts), 'channel')}"

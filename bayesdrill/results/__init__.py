@@ -1,6 +1,6 @@
 """Store results on disk: the folder of a run with its chain, the ArviZ tree, and the provenance.
 
-`output_files` defines which files may be written, and how. Tables and figures are made in `report`.
+`output_files` defines which files may be written, and how. `report` makes tables and figures.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Make the tree of ArviZ groups of a result: a chain is an ensemble of nearly independent draws."""
+"""Make the ArviZ tree of a result; each chain is an ensemble with nearly independent draws."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def make_tree(
 ) -> DataTree:
     """Return the groups of the ArviZ schema, with units and meanings as attributes of variables.
 
-    The group `derived` is computed from each draw of `posterior`; NaN if a draw has no such value.
-    The pointwise `log_likelihood` and `posterior_predictive` have `predictive_draws` evenly spaced
-    draws of every chain, named by their `draw` coordinate.  With 0 these two groups are left out.
+    The group `derived` has a value for each draw of `posterior`, or NaN. The pointwise
+    `log_likelihood` and `posterior_predictive` have `predictive_draws` evenly spaced draws of every
+    chain, named by their `draw` coordinate.  With 0, both groups are left out.
     """
     draws = sampled.draws
     used_draws = np.unique(np.linspace(0, draws.shape[1] - 1, predictive_draws).astype(int))
@@ -109,7 +109,7 @@ def _predict(
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """A channel of one experiment has a name in the tree."""
+    """A column is a channel of one experiment, under its name in the tree."""
 
     name: str
     observation: Observation

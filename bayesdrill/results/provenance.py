@@ -1,6 +1,6 @@
 """Write the provenance of a result: versions, fingerprint, and the config with its defaults.
 
-It is written when a job begins; an interruption is recorded too.
+The provenance is written when a job begins; an interruption is recorded too.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF, Folder, mark
 from bayesdrill.rig.models.linear import Model, constants
 
-RUN_MARK = "Run"  # the metadata of a file that names its run
-# Entries of `map:` that no longer exist. Every fingerprint names them as not given, as earlier
-# versions did, so that runs of these can be continued.
+RUN_MARK = "Run"  # key of a file's metadata for the mark of the run
+# Entries of `map:` that no longer exist. Every fingerprint lists them as not given, as in earlier
+# versions, so that runs of these versions can be continued.
 FORMER_ENTRIES = ("map.pairs", "map.iterations", "map.steady")
 
 
 def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
-    """Return all values that determine the chain, by names that a user knows from the config."""
+    """Return all values that determine the chain, by their names in the config."""
     posterior, sampler = problem.posterior, config.sampler
     space = posterior.space
     search = {f"map.{name}": repr(value) for name, value in config.map}
@@ -68,8 +68,8 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
 def settings(config: Config, problem: Problem, display_units: DisplayUnits) -> dict[str, str]:
     """Return the settings in which two runs may differ, by name.
 
-    These are the entries of the fingerprint except those of search and sampler.  Entries of a parameter
-    are under its name and in display units.
+    Settings are the entries of the fingerprint except those of search and sampler. Entries of a
+    parameter have its name and are in display units.
     """
     posterior = problem.posterior
     space = posterior.space
@@ -88,7 +88,7 @@ def settings(config: Config, problem: Problem, display_units: DisplayUnits) -> d
 
 
 def marks(config: Config, problem: Problem, burn_in: str = "") -> dict[str, str]:
-    """Return the metadata of figures and tree, which name the run that made them."""
+    """Return the metadata of figures and tree, which identify their run."""
     return {
         RUN_MARK: mark(fingerprint(config, problem)),
         "Record": ", ".join(records(problem).values()),
@@ -113,7 +113,7 @@ def _model(rig: Model) -> str:
 
 
 def _of_experiments(problem: Problem) -> dict[str, str]:
-    """Return the entries of all experiments; with several, each name includes the experiment's."""
+    """Return the entries of all experiments; with several, the names have the label."""
     entries: dict[str, str] = {}
     for observation in problem.all_observations:
         names, sensing = observation.experiment.names, observation.response.sensing
@@ -152,7 +152,7 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
 
 
 def _noise_held(config: Config, problem: Problem, display_units: DisplayUnits) -> dict[str, str]:
-    """Return the size of the noise of channels for which it is fixed."""
+    """Return the noise sizes of channels with fixed noise."""
     entries = {}
     for observation in problem.observations:
         for k, sigma in observation.noise.fixed_values().items():
@@ -178,12 +178,12 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
             data["experiments"][experiment.label] = sections | own_entries
         _remove_defaults(sections, experiment.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)
-    # With several experiments the top level repeats the entries of the first, which are no
+    # With several experiments the top level repeats the first one's entries, which are not
     # defaults.
     for key in SECTIONS if config.experiments else (EXPERIMENTS, *SHARING_KEYS):
         del data[key]
     made_by = "".join(f"# {name} {number}\n" for name, number in installed_versions().items())
-    opening = "# Every entry of the config with its default filled in, and what read it:\n"
+    opening = "# Every entry of the config with its default filled in, and versions:\n"
     return f"{opening}{made_by}{as_yaml(data)}"
 
 
@@ -205,7 +205,7 @@ def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> No
 
 
 def _digest(series: Array) -> str:
-    """Return a digest of the numbers as a list, without holding the whole text in memory."""
+    """Return the digest of a list of numbers, without keeping the whole text in memory."""
     digest = hashlib.sha256(b"[")
     for first in range(0, len(series), PART):
         text = ", ".join(map(repr, series[first : first + PART].tolist()))
@@ -215,7 +215,7 @@ def _digest(series: Array) -> str:
 
 
 def check_record(job: Job, output: Path, record: str | None = None) -> None:
-    """Raise `InputError` if the record itself lies in `output`; for `record` see `begin`."""
+    """Raise `InputError` if a file of the record is in `output`; for `record` see `begin`."""
     paths = (path for experiment in job.case.experiments for path in sources.paths(experiment))
     places = [path.parent.resolve() for path in paths]
     if record is None and output.resolve() in places:
@@ -223,7 +223,7 @@ def check_record(job: Job, output: Path, record: str | None = None) -> None:
 
 
 def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> None:
-    """Write the config, as given and with defaults, and `record`, the text of one without a file."""
+    """Write the config, as given and with defaults, and the text `record` of a record in memory."""
     if record is None:
         outputs = output_files.output_names(folder.path, folder.kind)
         replaced = [folder.path / name for name in outputs]

@@ -29,7 +29,7 @@ COMPUTED_AGAIN = f"is damaged; {AGAIN}"
 
 
 def chain_mark(pieces: Sequence[Sequence[ChainSegment]]) -> str:
-    """Return a digest of a chain, which does not depend on the lengths of its segments."""
+    """Return a digest of a chain that does not depend on the lengths of its segments."""
     digest = hashlib.sha256()
     for chain in pieces:
         digest.update(np.concatenate([piece.log_p for piece in chain]))
@@ -46,18 +46,18 @@ def _consistent(piece: ChainSegment) -> ChainSegment:
         (piece.accepted, (walkers,)),
     ):
         if values.shape != shape or not np.isfinite(values).all():
-            raise ValueError("other numbers than a chain has")
+            raise ValueError("numbers that no chain has")
     return piece
 
 
 def chain_image(pieces: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> bytes:
-    """Return the bytes of a chain or segment, made in memory as HDF5 crashes when a disk is full.
+    """Return the bytes of a chain or segment, made in memory, as HDF5 crashes on a full disk.
 
     Each ensemble is a group `ensemble_<k>` in the layout of `emcee.backends.HDFBackend`.
     """
     import h5py
 
-    # HDF5 opens no two files of one name, even in memory; the bytes do not contain the name.
+    # HDF5 cannot open two files with one name, even in memory; the bytes do not contain the name.
     name = f"chain.{threading.get_native_id()}.h5"
     with h5py.File(name, "w", driver="core", backing_store=False) as file:
         for ensemble, parts in enumerate(pieces):
@@ -71,7 +71,7 @@ def chain_image(pieces: list[list[ChainSegment]], attributes: Mapping[str, Any])
 def _write_ensemble(group: Any, parts: list[ChainSegment], attributes: Mapping[str, Any]) -> None:
     z = np.concatenate([part.z for part in parts])
     n_steps, n_walkers, n_dim = z.shape
-    # Fletcher checksums protect these if they are read by emcee.
+    # Fletcher checksums protect these datasets when emcee reads them.
     group.create_dataset("chain", data=z, maxshape=(None, n_walkers, n_dim), fletcher32=True)
     log_p = np.concatenate([part.log_p for part in parts])
     group.create_dataset("log_prob", data=log_p, maxshape=(None, n_walkers), fletcher32=True)
@@ -110,7 +110,7 @@ def _checksum(contents: Mapping[str, Any]) -> str:
 
 
 def read_chain(path: Path, ensemble: int) -> tuple[ChainSegment, str | None]:
-    """Read a finished ensemble and the mark of its run; raises `InputError` for a damaged file."""
+    """Read a finished ensemble and the mark of the run; raises `InputError` for a damaged file."""
     import h5py
 
     with report_damage(str(path), COMPUTED_AGAIN):
@@ -132,17 +132,17 @@ def read_chain(path: Path, ensemble: int) -> tuple[ChainSegment, str | None]:
         return _consistent(piece), contents.get("run")
 
 
-# With "report" nothing is added to the chain, and with "read" nothing is written.
+# "report" adds nothing to the chain, and "read" writes nothing.
 WriteMode = Literal["fresh", "resume", "force", "report", "read"]
 
 CHAIN = "chain.h5"
-VERSION_OF = "the version of "  # prefix of entries of a fingerprint in which a report may differ
-LONGEST = 120  # most letters of a value in a message
+VERSION_OF = "the version of "  # prefix of fingerprint entries that may differ for a report
+LONGEST = 120  # largest length of a value in a message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FolderEntries:
-    """The `run.json` of a folder has these entries, whatever job made it.
+    """The `run.json` of every folder has these entries.
 
     job: the command that made the folder
     fingerprint: what decides the chain, by name
@@ -177,7 +177,7 @@ def load_record[T](path: Path, kind: type[T], form: int) -> tuple[T, dict[str, A
     why = COMPUTED_AGAIN
     try:
         data = output_files.loads_checksummed(path.read_bytes())
-        if data.get("form", 1) != form:  # the first forms had no number
+        if data.get("form", 1) != form:  # the first form has no number
             why = f"was written by another version of bayesdrill; {AGAIN}"
         return from_data(kind, data, strict=True), data
     except ValueError:
@@ -189,7 +189,7 @@ class Folder:
     """The folder of a run is locked while open; a resumed run must have the same `fingerprint`.
 
     A folder without a lock file that is only read is not locked, since it may be write-protected.
-    Nothing is changed before `begin`, so a run that is refused leaves the folder as it was.
+    Nothing is changed before `begin`, so a refused run leaves the folder unchanged.
     """
 
     path: Path
@@ -231,7 +231,7 @@ class Folder:
     def check(self) -> None:
         """Raise `InputError` if the folder cannot be used in this mode, before any work is done.
 
-        Results are not replaced or reused without being asked, and foreign files are left alone.
+        Results are not replaced or reused without a request, and foreign files are never touched.
         """
         if self.mode != "read":
             output_files.refuse_unwritable(self.path, self.kind.folders)
@@ -266,14 +266,14 @@ class Folder:
             and (versions or not name.startswith(VERSION_OF))
         ]
         if changes:
-            way_out = "put this back, start over with --force, or give another --output"
+            way_out = "restore this, start over with --force, or give another --output"
             raise InputError([Issue(str(self.path), line) for line in (*changes, way_out)])
 
     def begin(self, **entries: Any) -> None:
         """Begin to write: with --force the files of an earlier run are removed first.
 
-        `run.json`, with these `entries`, is replaced and never missing: if this run were killed in
-        between, the next one would take the folder for a foreign one.
+        `run.json`, with these `entries`, is replaced and never missing.  Without it, a run that is
+        killed now would leave a folder that seems foreign.
         """
         output_files.clean_up(self.path, self.kind)
         if self.mode == "force":
@@ -298,7 +298,7 @@ class Folder:
         known = (read_run(self.path) or {}).get("files", {})
         if run is None and output_files.digest(path) == known.get(name):
             return
-        whose = f"run {run}" if run else "a run that it does not name (an older version wrote it)"
+        whose = f"run {run}" if run else "an unknown run (an older version wrote it)"
         message = f"is of {whose}, and this folder of run {self.run}; put back its own, or {AGAIN}"
         raise InputError.at(str(path), message)
 
@@ -314,7 +314,7 @@ class Folder:
         return {n: output_files.digest(self.path / n) for n in names if n != self.kind.mark}
 
     def remove_stale(self, names: Collection[str]) -> None:
-        """Remove files of an earlier report of this run that this one does not write."""
+        """Remove files of an earlier report that the present report does not write."""
         for name in {*output_files.output_names(self.path, self.kind)} & {*names}:
             self.path_of(name).unlink()
 
@@ -334,7 +334,7 @@ class Folder:
         self._write_entries({**(read_run(self.path) or {}), **entries})
 
     def _write_entries(self, entries: Mapping[str, Any]) -> None:
-        # The fingerprint has the versions that made the chain, even if others make the report.
+        # The fingerprint keeps the versions that made the chain, even if others make the report.
         marks = {"job": self.kind.job, "fingerprint": dict(self.fingerprint)}
         self.write_text(RUN, output_files.dumps_checksummed({**marks, **entries}))
 
@@ -344,13 +344,13 @@ class Folder:
         return bool(self._unfinished()) or (self.path / CHAIN).exists()
 
     def _unfinished(self) -> list[str]:
-        """Return the files of segments that are not in the chain yet."""
+        """Return the files of segments that the chain does not contain yet."""
         return [
             n for n in output_files.output_names(self.path, output_files.UNFINISHED) if n != RUN
         ]
 
     def save(self, ensemble: int, first_step: int, piece: ChainSegment) -> None:
-        """Save a segment in a file of its own, so that an interruption loses only unfinished ones."""
+        """Save a segment in its own file, so that an interruption loses only an unfinished one."""
         (self.path / PIECES).mkdir(exist_ok=True)
         path = self.path_of(_piece_name(ensemble, first_step))
         output_files.write(path, chain_image([[piece]], {"run": self.run}))
@@ -358,7 +358,7 @@ class Folder:
     def read_ahead(self, ensembles: int, shape: tuple[int, int]) -> None:
         """Read all chains for `segments`, so that damage is found before any work is done.
 
-        `shape` is (walkers, unknowns); raises `InputError` if a chain has another.
+        `shape` is (walkers, unknowns); raises `InputError` if a chain has another shape.
         """
         self._chains = {ensemble: self._read(ensemble) for ensemble in range(ensembles)}
         others = {p.z.shape[1:] for chain in self._chains.values() for p in chain} - {shape}
@@ -384,14 +384,14 @@ class Folder:
             take(CHAIN, ensemble)
         for name in self._unfinished():
             have = sum(len(piece.z) for piece in read_pieces)
-            if name == _piece_name(ensemble, have):  # other files belong to other ensembles
+            if name == _piece_name(ensemble, have):  # files of other ensembles are skipped
                 take(name, 0)
         return read_pieces
 
     def finish_chain(self, pieces: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> None:
         """Write `chain.h5` in emcee's layout, and remove the files of segments."""
         if not self._unfinished():
-            return  # the chain has all segments already
+            return  # the chain is already complete
         output_files.write(
             self.path_of(CHAIN), chain_image(pieces, {"run": self.run, **attributes})
         )
@@ -403,7 +403,7 @@ def _piece_name(ensemble: int, first_step: int) -> str:
 
 
 def mark(fingerprint: Mapping[str, Any]) -> str:
-    """Return the mark of a run: twelve letters from record, config and seed, without versions."""
+    """Return the mark of a run: twelve letters that depend on record, config and seed."""
     settings = sorted(
         (n, value) for n, value in fingerprint.items() if not n.startswith(VERSION_OF)
     )

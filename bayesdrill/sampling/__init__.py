@@ -1,6 +1,6 @@
 """Find the maximum of a posterior (MAP) and sample it.
 
-All samplers see a log density alone, and know neither rigs nor files. The room `analysis`
+Samplers only use a log density, and depend on neither rigs nor files. The package `analysis`
 interprets the draws.
 """
 

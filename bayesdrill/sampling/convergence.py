@@ -1,6 +1,6 @@
-"""Judge whether ensembles have converged, and name troubles that R-hat does not see.
+"""Judge whether ensembles have converged, and find troubles that R-hat does not show.
 
-R-hat does not see a trouble that all ensembles share, and a few bad walkers hardly change an
+R-hat does not show a trouble that all ensembles share, and a few bad walkers hardly change an
 average.  So each walker is checked on its own: does it move, is its log density like that of the
 others, does it cross between two groups, and do the walkers' means spread as much as tau predicts?
 
@@ -23,11 +23,11 @@ from bayesdrill.basics.arrays import Array, Flags, Indices, StoredArray
 from bayesdrill.basics.findings import Finding
 
 # The longest stay of a stuck walker is at least this share of the kept steps, and this many times
-# that of the median walker.
+# the longest stay of the median walker.
 STUCK_SHARE, STUCK_RATIO = 0.5, 5.0
 LOW_DENSITY_QUANTILE = 0.001  # a healthy walker's median is above this quantile of the better half
 MIN_GROUP_DISTANCE = 1.0  # least distance between two groups of walkers, in standard deviations
-MAX_VALLEY_RATIO = 0.5  # least density between two groups over that of the smaller; unimodal: >= 1
+MAX_VALLEY_RATIO = 0.5  # least density between two groups over that of the smaller group
 GROUP_BINS = 12  # bins of the histogram between the centres of two groups
 MIN_STAY_SHARE = 0.5  # least mean time that walkers stay in a group, as a share of the kept steps
 FALSE_ALARM_PROBABILITY = 1e-6  # probability, for each unknown, that tau of a healthy chain grows
@@ -73,7 +73,7 @@ def longest_stay(theta: Array) -> Indices:
 
 
 def find_two_groups(x: Array) -> tuple[float, float, float, int] | None:
-    """Find two groups of walkers in one unknown `(S, N)` with hardly any crossings; None without.
+    """Find two groups of walkers in one unknown `(S, N)` that hardly cross; None if there are none.
 
     Returns both centres, the share of steps in the upper group, and the number of crossings.
     """
@@ -105,8 +105,8 @@ def group_centres(means: Array) -> tuple[float, float]:
 def long_run_tau(theta: Array, selected: Flags, sd: Array, parts: int = 1) -> Array:
     """Estimate tau `(D,)` in steps from the spread of the walkers' means over parts of the chain.
 
-    `sd (D,)` is the standard deviation of all steps.  Without a window, this also sees motion as slow
-    as a part is long.  Means are compared within an ensemble: R-hat compares ensembles.
+    `sd (D,)` is the standard deviation of all steps.  No window is used, so motion as slow as the
+    length of a part is also seen.  Means are compared within ensembles; R-hat compares ensembles.
     """
     length = theta.shape[1] // parts
     total, freedom = np.zeros(theta.shape[-1]), 0  # sum of squares, and degrees of freedom
@@ -182,7 +182,7 @@ def _at_walker(
 ) -> Finding:
     """Return a finding on doubtful walkers, of which the k-th is the worst.
 
-    It is described by the unknown in which it is the most sds from the sound ones.
+    The finding names the unknown in which this walker is most sds away from the sound ones.
     """
     ensemble, walker = np.unravel_index(k, sound.shape)
     others = _pooled_steps(chain.theta, sound)
@@ -197,10 +197,10 @@ def _at_walker(
 
 
 BURN_IN_TAUS = 5  # length of the burn-in, in autocorrelation times
-STEPS_MARGIN = 1.2  # factor on the steps that seem to be needed, since tau is uncertain
+STEPS_MARGIN = 1.2  # factor on the estimated number of steps, since tau is uncertain
 MIN_CHECK_GROWTH, MAX_CHECK_GROWTH = 1.25, 1.5  # ratio of the lengths at two successive checks
 MIN_STEPS_TO_STOP = 1000  # a shorter run is never stopped as futile
-MIN_N_TAU_GROWTH = 1.3  # of N/tau while the steps double; in a sound chain it doubles too
+MIN_N_TAU_GROWTH = 1.3  # least growth of N/tau while steps double; a sound chain has 2
 SOKAL_WINDOW = 5.0  # Sokal's window is the first lag above this many autocorrelation times
 
 
@@ -217,8 +217,8 @@ class Targets:
 class ChainLength:
     """A chain is `n_tau` times as long as the longest of `tau (D,)`, after `burn_in` steps.
 
-    `late_tau` is the longest tau of the second half in steps; `burn_in` is what it wants, or half of
-    the chain, whichever is less.
+    `late_tau` is the longest tau of the second half in steps.  It determines `burn_in`, which is at
+    most half of the chain.
     """
 
     burn_in: int
@@ -228,7 +228,7 @@ class ChainLength:
 
     @property
     def too_short_for_burn_in(self) -> bool:
-        """Return whether the burn-in is half of the run, and shorter than it should be."""
+        """Return whether half of the run is shorter than the burn-in should be."""
         return burn_in_wanted(self.late_tau) > self.burn_in
 
     def next_check(self, steps: int, n_tau: float) -> int:
@@ -239,12 +239,12 @@ class ChainLength:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Convergence(ChainLength):
-    """The ensembles of a run have this convergence.
+    """A convergence summarises how well the ensembles of a run have converged.
 
     Of the `steps` per ensemble, `burn_in` are dropped and every `thin`-th is kept.  `r_hat`,
-    `ess_bulk` and `ess_tail` have the shape `(D,)`.  By `reasons` the result must not be believed.
-    `slowest` is the unknown with the longest `tau`.  `enough` estimates the steps needed if only
-    length is missing, else None.
+    `ess_bulk` and `ess_tail` have the shape `(D,)`.  `reasons` say why the result must not be
+    believed.  `slowest` is the unknown with the longest `tau`.  If only length is missing, `enough`
+    estimates the necessary steps.
     """
 
     steps: int
@@ -286,8 +286,8 @@ def assess(
 ) -> Convergence:
     """Return the convergence of physical chains `theta (E, S, W, D)`.
 
-    Without the log densities `log_p (E, S, W)` walkers at a low density are not found.  `measured` is
-    the length of the chains if it is known already.
+    Walkers at a low density are only found if `log_p (E, S, W)` is given.  `measured` is the length
+    of the chains, if it is known already.
     """
     from arviz_stats.base import array_stats  # imported here, as loading takes half a second
 
@@ -300,8 +300,8 @@ def assess(
     arviz: Any = array_stats  # it has no type annotations
     axes = {"chain_axis": 0, "draw_axis": 1}
     r_hat = arviz.rhat(draws, **axes, method="rank")
-    # ArviZ sees one series of draws in which the walkers take turns, and so misses the correlation
-    # of each walker with its own last draw.
+    # ArviZ gets one series in which walkers alternate, and so misses the correlation of each walker
+    # with its own last draw.
     by_walkers = draws.shape[0] * draws.shape[1] / autocorrelation_time(post_burn_in[:, ::thin])
     ess_bulk = np.minimum(arviz.ess(draws, **axes, method="bulk"), by_walkers)
     ess_tail = np.minimum(arviz.ess(draws, **axes, method="tail", prob=0.9), by_walkers)
@@ -345,8 +345,8 @@ def futility(
 ) -> Finding | None:
     """Return why more steps would not help, or None.
 
-    `trail` has the steps and N/tau at each check, and `wanted` is the target of N/tau.  `allowed` is
-    `sampler.max_steps`, and `most` is that or the largest length for which there is memory.
+    `trail` has the steps and N/tau at each check, and `wanted` is the target of N/tau.  `allowed`
+    is `sampler.max_steps`, and `most` is the smaller of that and the length that fits in memory.
     """
     steps, n_tau = trail[-1]
     if steps < MIN_STEPS_TO_STOP or n_tau >= wanted:
@@ -365,7 +365,7 @@ def futility(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Autocorrelation:
-    """Chains have an autocorrelation, which is summed in Sokal's window.
+    """The autocorrelation of chains is summed over Sokal's window.
 
     `rho (S, D)` is given at each lag in steps.  `tau (D,)` is 2 sum(rho) - 1 from lag 0 to the lag
     `window (D,)`, and at least 1.
@@ -379,7 +379,7 @@ class Autocorrelation:
 def autocorrelation(chains: Array) -> Autocorrelation:
     """Compute the autocorrelation of chains `(E, S, W, D)`, averaged over walkers and ensembles.
 
-    It is summed in Sokal's window (Goodman and Weare 2010), as emcee does for one ensemble.
+    The sum extends over Sokal's window (Goodman and Weare 2010), as in emcee for one ensemble.
     """
     n_steps = chains.shape[1]
     padded = scipy.fft.next_fast_len(2 * n_steps, real=True)

@@ -70,15 +70,15 @@ class MemoryBackend:
 
 
 CLIMB_STEPS = 25  # Gauss-Newton steps from the MAP of the unknowns to that of the coordinates
-MAX_SLOPES = 20_000  # slopes of all samples at a point, above which the check of mass is too slow
-POINTS_PER_TASK = 64  # points whose quadratic model one process computes at a time
+MAX_SLOPES = 20_000  # number of slopes at a point above which the check of mass is too slow
+POINTS_PER_TASK = 64  # points of a quadratic model that one process computes at a time
 START_SPREAD = 1.5  # widths of the proposal; a start this wide lets R-hat see slow ensembles
-MAX_START_TRIES = 20  # rounds of each way to place walkers: wide, from the proposal, mirrored
+MAX_START_TRIES = 20  # tries of each way to place walkers: wide, from the proposal, mirrored
 MAX_START_DEPTH = 50.0  # in log density below the highest walker; a lower walker is placed again
 FIRST_CHECK = 200  # steps before convergence is first assessed
 MAX_SEGMENT_STEPS = 250  # largest number of steps of a segment
 SEGMENT_SECONDS = 2.0  # approximate time of a segment, for which Ctrl-C has to wait
-MOST_MISSED = 0.05  # posterior mass out of the proposal's reach above which nothing is believed
+MOST_MISSED = 0.05  # posterior mass out of the proposal's reach above which no result is believed
 MAX_STEPS_OF_A_MISFIT = 800  # a model that does not fit is not worth a longer chain
 
 
@@ -117,7 +117,7 @@ def prepare(
     # Ridges begin at the maxima over the coordinates, since most of the posterior mass is there.
     central = gauss_newton(surface, modes, CLIMB_STEPS).u
     check = not slopes_are_expensive(posterior)
-    for k in range(1, len(modes)):  # two maxima that climb to one place would give one ridge twice
+    for k in range(1, len(modes)):  # equal ends would give one ridge twice
         same = np.abs(central[:k] - central[k]) < SAME_MODE * surface.spread
         if same.all(axis=1).any():
             central[k] = modes[k]
@@ -147,11 +147,11 @@ def slopes_are_expensive(posterior: Posterior) -> bool:
 def begin_walkers(
     posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble: int
 ) -> State:
-    """Place `n` walkers around all maxima, as many at each, in a wider spread than the proposal's.
+    """Place `n` walkers around all maxima, equally many at each, more widely than the proposal.
 
-    No walker starts where p/q is so large that the independence move would hardly ever move it.  Draws
-    are taken wider than the proposal, then from the proposal itself, and at last mirrored at the ends
-    of the priors and drawn in towards the first maximum.  Raises `NoSupportError` if all fail.
+    No walker starts where p/q is so large that the independence move would hardly ever move it.
+    Draws come from a wider proposal, then from the proposal itself.  At last, draws are mirrored at
+    the ends of the priors and moved towards the first maximum.  Raises `NoSupportError`.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
     mixture = proposal.mixture
@@ -198,10 +198,11 @@ class Plan:
 class SamplingResult:
     """The result of a run has its chains, their convergence, and what was estimated from them.
 
-    `theta (E, S, W, D)` is physical, and `segments` are those of each ensemble as saved.  `learnt` and
-    the share of the draws at each maximum, `mode_shares (M,)`, are None for a chain that was only read.
-    `evidence` is computed by `with_evidence`.  `compression` compares the compressed likelihood of long
-    records with the exact one.  `missed` estimates the posterior mass that the proposal hardly reaches.
+    `theta (E, S, W, D)` is physical, and `segments` are the saved segments of each ensemble.
+    `learnt`, and the share `mode_shares (M,)` of the draws at each maximum, are None for a chain
+    that was only read. `evidence` is computed by `with_evidence`.  `compression` compares
+    compressed likelihoods with exact ones.  `missed` estimates the posterior mass that the proposal
+    hardly reaches.
     """
 
     segments: list[list[ChainSegment]]
@@ -220,7 +221,7 @@ class SamplingResult:
         return sampled.with_reasons((Finding("much missed", {}, percent),) if much else ())
 
     def with_reasons(self, reasons: tuple[Finding, ...]) -> SamplingResult:
-        """Return a copy with additional `reasons` not to believe it."""
+        """Return a copy with additional `reasons` not to believe the result."""
         all_reasons = (*self.convergence.reasons, *reasons)
         convergence = dataclasses.replace(self.convergence, reasons=all_reasons)
         return dataclasses.replace(self, convergence=convergence)
@@ -260,7 +261,7 @@ def walk(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Walk:
-    """The ensembles of a run have made these `segments` so far."""
+    """A walk has the `segments` that the ensembles of a run have made so far."""
 
     pool: WorkerPool
     proposal: Proposal
@@ -351,7 +352,7 @@ def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> S
 def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> SamplingResult:
     """Advance until the targets are met, more steps would not help, or there are `most` steps.
 
-    The checks are at steps that depend on the chain alone, so that a resumed run has the same ones.
+    The steps of the checks depend only on the chain, so that a resumed run repeats them.
     """
     posterior, plan, have = under_way.pool.posterior, under_way.plan, max(under_way.steps)
     last = max(most, have)
@@ -371,7 +372,7 @@ def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> Sampl
         hopeless = futility(trail, plan.targets.n_tau, plan.max_steps, most)
         ending = hopeless is not None or goal == last
         following = min(measured.next_check(goal, plan.targets.n_tau), last)
-        # A resumed run has assessed shorter lengths before its interruption, and rejected them.
+        # Before its interruption, a resumed run has assessed and rejected shorter lengths.
         if goal >= have and (ending or measured.n_tau >= plan.targets.n_tau):
             sampled = _assess(posterior, plan, under_way.segments, theta, measured)
             convergence = sampled.convergence

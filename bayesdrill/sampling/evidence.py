@@ -16,11 +16,11 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal, Random
 
-MAX_DRAWS = 40_000  # draws of the chain that are used, and of the proposal inside the prior
-MAX_TRIES_PER_DRAW = 50  # draws of the proposal for each that has to be inside the prior
+MAX_DRAWS = 40_000  # largest number of draws of the chain, and of the proposal inside the prior
+MAX_TRIES_PER_DRAW = 50  # draws of the proposal for each draw inside the prior
 BATCH_DRAWS = 4000  # draws that are evaluated at a time, which limits the memory
-MAX_DISAGREEMENT = 3.0  # standard errors between two estimates that may be chance
-MAX_LOG_RATIO = 500.0  # log (p/q) is clipped at its median +- this; what lies beyond is negligible
+MAX_DISAGREEMENT = 3.0  # largest distance of two estimates, in standard errors, by chance
+MAX_LOG_RATIO = 500.0  # log (p/q) is clipped at its median +- this; the effect is negligible
 MAX_ITERATIONS, RELATIVE_TOLERANCE = 1000, 1e-10  # limits of the fixed-point iteration
 
 
@@ -50,8 +50,8 @@ def evidence(
 ) -> Evidence | None:
     """Estimate the evidence from steps `z (E, S, W, D)` with `log_p (E, S, W)`, and fresh draws.
 
-    The draws of the proposal have a random stream of their own.  Returns None if no draw of the
-    proposal has a posterior density.
+    Draws of the proposal have their own random stream.  Returns None if all have zero posterior
+    density.
     """
     random = Random(seeds.bits(seed, "evidence"))
     mixture = proposal.mixture
@@ -84,9 +84,9 @@ def _draw(posterior: Posterior, mixture: Mixture, n: int, random: Random) -> Arr
 def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     """Solve the bridge equation for the evidence (Meng and Wong 1996).
 
-    `on_chain (E, S, W)` and `drawn (n,)` are log (p/q) at the walkers' steps and at draws of q; the rest
-    of the `tried` draws have p = 0.  Let s and t be the shares of chain and draws, and w = p/q.  Then
-    `Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]`.  Both means are of bounded terms, however large w.
+    `on_chain (E, S, W)` and `drawn (n,)` are log (p/q) at the walkers' steps and at draws of q; the
+    other `tried` draws have p = 0.  Let s and t be the shares of chain and draws, and w = p/q.
+    Then `Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]`.  The terms of both means are bounded.
     """
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) == 0:
@@ -114,8 +114,8 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
 def _disagreement(w: Array, tried: int, z: float) -> float:
     """Return the distance of log `z` from the importance sampling estimate, 0 if it may be chance.
 
-    `w (n,)` are the weights p/q of draws of q.  The two differ if walkers do not cross between maxima,
-    and so are shared among these otherwise than the posterior mass is.
+    `w (n,)` are the weights p/q of draws of q.  Both differ if walkers do not cross between maxima,
+    so that the shares of walkers and of posterior mass differ.
     """
     largest = float(w.max())  # the squares of very small weights would underflow
     scaled = w / largest

@@ -35,9 +35,9 @@ from bayesdrill.sampling.workers import WorkerPool
 
 SEARCHING = "searching the MAP"
 CHECKED_DRAWS = 500  # draws at which a compressed likelihood is compared with the exact one
-TASKS_PER_SEARCH = 2  # tasks for workers; each has several starts, which are cheap in one batch
-BATCHES_PER_START = 2000  # batches of random points that take as long as a search from one start
-WORKERS_START = 1.5  # seconds until workers compute
+TASKS_PER_SEARCH = 2  # number of tasks; each has several starts, which are cheap in one batch
+BATCHES_PER_START = 2000  # batches of random points that take as long as a search
+WORKERS_START = 1.5  # seconds until workers begin to compute
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,8 +45,8 @@ class FitPlan:
     """A plan says how a posterior is fitted.
 
     The `optimiser` searches for the MAP from `starts`, with at most `evaluations` each.  `chains` are
-    the settings of the ensembles.  Records with more than `shortest` samples are compressed, none if
-    it is None.  A `brief` fit searches only until one search has converged, and has no evidence.
+    the settings of the ensembles.  Records with more than `shortest` samples are compressed; None:
+    no record.  A `brief` fit searches only until one search has converged, and has no evidence.
     """
 
     optimiser: Optimiser
@@ -61,7 +61,7 @@ class FitPlan:
 class PendingSearches:
     """Searches for the MAP and for other maxima are running.
 
-    `excerpt` is the posterior of the first samples of long records, if that is searched.
+    `excerpt` is the posterior of the first samples of long records, if it is searched.
     """
 
     searches: list[Future[list[Search]]]
@@ -78,9 +78,9 @@ def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult]:
 
 
 def searching_processes(posterior: Posterior, plan: FitPlan, processes: int) -> int:
-    """Return 1 where searches are over before workers could help, otherwise `processes`.
+    """Return 1 if searches end before workers could help, otherwise `processes`.
 
-    The duration of the searches is estimated from that of the density at a batch of random points.
+    The time of the density at a batch of random points gives an estimate of their duration.
     """
     if processes == 1:
         return 1
@@ -145,7 +145,7 @@ def end_searches(pool: WorkerPool, under_way: PendingSearches, report: Reporter)
 def _searched_on(
     pool: WorkerPool, excerpt: Posterior, searches: list[Search], scouted: list[tuple[Array, Array]]
 ) -> Mode:
-    """Continue from the maxima of an `excerpt` with the whole records, without seeking others.
+    """Continue from the maxima of an `excerpt` with the whole records; seek no other maxima.
 
     A longer excerpt is searched first if a record cannot be compressed about these maxima.
     """
@@ -174,7 +174,7 @@ def compress_about(pool: WorkerPool, mode: Mode, shortest: int | None) -> None:
     posterior = pool.posterior
     observations = posterior.likelihood.observations
     if shortest is not None and any(compression.is_long(o, shortest) for o in observations):
-        # All samples are used, so that a resumed run has exactly the same functions.
+        # All samples are used, so that a resumed run has the same basis functions.
         exact = compression.uncompressed(posterior)
         points = compression.nearby(exact, posterior.space.vector(mode.values)[None])
         strict = shortest == 0
@@ -206,13 +206,13 @@ def sample_maxima(
 def _first_converged(posterior: Posterior, plan: FitPlan) -> list[Search]:
     """Search from the most promising starts, until one search has converged.
 
-    A search has if another agrees with it, or if known noise explains its residuals.
+    A search has converged if another one agrees, or if known noise explains the residuals.
     """
     points = mode_search.starts(posterior, plan.starts, seeds.stream(plan.chains.seed, "map"))
     points = points[np.argsort(-posterior.density(points), kind="stable")]
     likelihood = posterior.likelihood
     known = not any(observation.unknowns for observation in likelihood.observations)
-    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.n_measured)  # mean square over variance, at most
+    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.n_measured)  # largest mean square over variance
     searches: list[Search] = []
     for point in points:
         settings = plan.optimiser, plan.evaluations

@@ -10,15 +10,15 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.laplace import LogDensity, QuadraticModel
 
-MAX_STEP = 3.0  # longest step in priors' spreads; the quadratic model does not hold further on
-INITIAL_DAMPING = 0.1  # over the priors' precision; it damps loose directions, not tight ones
-DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # factors on the present damping, which are all tried
-CORRECTED_TRIALS = 2  # the first trials may leave a curved ridge, and are returned to it
+MAX_STEP = 3.0  # longest step in priors' spreads, for which the quadratic model holds
+INITIAL_DAMPING = 0.1  # over the priors' precision, so that only loose directions are damped
+DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # factors on the damping, all of which are tried
+CORRECTED_TRIALS = 2  # number of trials, the first ones, that are returned to a curved ridge
 TIGHT_DAMPING = 100.0  # damping on the way back, over the priors' precision: loose directions stay
-MAX_CORRECTIONS = 3  # steps back to a bent ridge, after a step along it
-MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a point that needs more than the largest has arrived
+MAX_CORRECTIONS = 3  # steps back to a curved ridge, after a step along it
+MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a point that needs more damping has arrived
 DAMPING_DECREASE = 0.3  # factor on the best damping of a step, for the next one
-PACE_STEPS = 3  # number of steps in the pace, because short ones follow a failed step
+PACE_STEPS = 3  # number of steps in the pace, since short steps follow a failed one
 RELEASE_SLOPE = 1e-9  # least scaled slope away from a bound that releases an unknown from it
 DIAGONAL_ROUNDING = 1e-12  # added to the scaled diagonal, so that flat directions stay solvable
 DIFFERENCE_STEP = 1e-4  # in priors' spreads, for differences of slopes
@@ -53,8 +53,8 @@ def gauss_newton(
 
     With `exact`, Newton's method with second derivatives replaces Gauss-Newton, for the last steps.
     A point that is closer than `merged` (in the priors' spreads) to a higher point gets the value
-    -inf.  The pace of a climb is the gain that the model predicts, or the largest gain of the last
-    steps if that is less.  A climb stops if at this pace it would end below `least`, or more than
+    -inf.  The pace of a climb is the smaller of the gain that the model predicts and the largest
+    gain of the last steps.  A climb stops if this pace would end it below `least`, or more than
     `depth` below the highest point.
     """
     u = np.clip(start, surface.low, surface.high)
@@ -153,8 +153,8 @@ def _back_to_ridge(
 def bounded_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: Array) -> Array:
     """Return the damped Gauss-Newton step from `u (W, D)` within the box of the priors, `(W, D)`.
 
-    This is an active set method: the first unknown to reach a bound is held there and the others are
-    solved for again.  One that is held is released if its slope points back inside.
+    This is an active set method: the first unknown that reaches a bound is held there, and the
+    others are solved for again.  A held unknown is released if its slope points back inside.
     """
     d = u.shape[1]
     matrix = here.curvature + (damping[:, None] / surface.spread**2)[:, :, None] * np.eye(d)

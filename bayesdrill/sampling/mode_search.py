@@ -23,12 +23,12 @@ from bayesdrill.sampling.gauss_newton import GaussNewtonResult, gauss_newton, ne
 from bayesdrill.sampling.optimisers.contract import Optimiser, Optimum, Task
 
 SAME_LOG_DENSITY = 1e-2  # two searches have the same height if they differ by less than this
-SAME_POINT = 0.01  # they have the same end if no unknown differs by more than this share of it
+SAME_POINT = 0.01  # two searches have the same end if no unknown differs by a larger share
 RELATIVE_ROUNDING = 1e-12  # relative rounding error of a log posterior
-CANDIDATES_PER_START = 4096  # prior draws, of which a search starts at the best
-LOWEST_LOG_DENSITY = -1e300  # log density of a search that ended where there is none
-MAX_MAXIMA = 64  # maxima that are kept, those with the most posterior mass
-NEGLIGIBLE_MASS = 1e-5  # maxima are dropped that together hold less than this posterior mass
+CANDIDATES_PER_START = 4096  # number of prior draws, of which the best starts a search
+LOWEST_LOG_DENSITY = -1e300  # log density of a search that ended outside the support
+MAX_MAXIMA = 64  # number of kept maxima, those with the most posterior mass
+NEGLIGIBLE_MASS = 1e-5  # total posterior mass of the maxima that are dropped
 MAX_MISSED_MASS = 0.02  # a doubt is reported if more mass is in maxima that were not followed
 MAX_STEPPED_STARTS = 32  # starts for a rig simulated in steps, whose climbs take seconds each
 MULTI_STARTS = 24  # prior draws from which Gauss-Newton climbs without a simplex
@@ -38,7 +38,7 @@ POLISH_STEPS, NEWTON_STEPS = 40, 8  # steps of Gauss-Newton, then of Newton, tha
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """A search for the maximum has a physical start and end; it `settled` if it converged there."""
+    """A search for the maximum has a physical start and end; `settled` means that it converged."""
 
     start: Mapping[str, float]
     end: Mapping[str, float]
@@ -57,13 +57,13 @@ class LocalMaximum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mode:
-    """A mode is the highest maximum of the posterior; `others` are lower ones with some of its mass.
+    """A mode is the highest maximum of the posterior; `others` are lower maxima with some mass.
 
     `slope` is the change of the log posterior per conditional standard deviation of each unknown, well
-    below 1 at a maximum inside the prior.  `gain` is what another Newton step would add.  `at_bound`
-    names unknowns within 0.1 % of an end of their prior, or within 0.1 % of its mass from zero.
-    `steps` has the scale of unknowns that may be negative.  `pieces` are the step sizes of rigs
-    simulated in steps.  `left_out` estimates the posterior mass of maxima that were not followed.
+    below 1 at a maximum inside the prior.  `gain` is the gain of another Newton step.  `at_bound`
+    names unknowns within 0.1 % of an end of their prior, or with less than 0.1 % of the prior's
+    mass between them and zero. `steps` has the scale of unknowns that may be negative.  `pieces`
+    are the step sizes of rigs simulated in steps.  `left_out` estimates the mass of other maxima.
     """
 
     values: Mapping[str, float]
@@ -97,7 +97,7 @@ class Mode:
 
     @property
     def highest(self) -> tuple[Search, ...]:
-        """Return the searches that reached the height of the best."""
+        """Return the searches that reached the height of the best one."""
         lowest = self.log_posterior - self.tolerance
         return tuple(s for s in self.searches if s.log_posterior > lowest)
 
@@ -252,7 +252,7 @@ def _search_around(
 ) -> tuple[Array, Array, float]:
     """Search around maxima `ends (M, D)`, and in further `rounds` around those reached from them.
 
-    Returns the maxima that hold most, their heights, and the posterior mass that is left out.
+    Returns the maxima with the most mass, their heights, and the posterior mass of the others.
     """
     visited, left_out = np.empty((0, ends.shape[1])), 0.0
     for _ in range(rounds):

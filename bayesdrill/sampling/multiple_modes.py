@@ -6,8 +6,8 @@ the ridge in the tight directions, and it ends at the other point if the ridge j
 
 Sampled at times t, an oscillation at omega looks like one at |omega +- delta| if delta is a peak of
 the spectral window |sum exp(i delta t)|.  For even samples delta is 2 pi over the step, and for two
-bursts 2 pi over the gap (Scargle 1982; VanderPlas 2018).  Other ambiguities, such as a lag under a
-periodic drive, an angle a turn further or a sign, are maxima along one unknown.
+bursts it is 2 pi over the gap (Scargle 1982; VanderPlas 2018).  Other ambiguities are maxima along
+one unknown: a lag under a periodic drive, an angle that differs by a turn, or a sign.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from bayesdrill.sampling.proposal import ridge_tracing
 FIRST_STEPS, LAST_STEPS = 8, 25  # steps of every climb, and further steps of the best
 MAX_STARTS = 10  # number of the best climbs from starts all over the prior
 MAX_NEARBY_STARTS = 128  # number of the best climbs from starts near other maxima
-NEGLIGIBLE_DEPTH = 25.0  # in log density: a maximum that is lower by more holds no mass
+NEGLIGIBLE_DEPTH = 25.0  # in log density: a maximum this far below the highest has no mass
 PATH_STEPS = 10  # steps of the path along a ridge from one point to another
 SAME_MODE = 1e-3  # in priors' spreads: two points closer than this are the same maximum
 CELL_SIZE = 1e-4  # in priors' spreads: points in one cell are taken to climb to the same maximum
-SAME_RIDGE_SDS = 3.0  # standard deviations that a point on the ridge may be off it
+SAME_RIDGE_SDS = 3.0  # largest distance of a point on the ridge, in standard deviations
 VALLEY_BETWEEN_MODES = 0.5  # in log density: less deep valleys are ripples of one maximum
 VALLEY_PROBES = 24  # points between two maxima at which the density is compared
-GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # spaces these points unevenly, unlike maxima in a row
+GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # for uneven spacing of the probes
 KNOWN_BONUS = 1e-6  # in log density: a new point must be higher by this to replace a known maximum
 
 
@@ -55,7 +55,7 @@ def best_ends(surface: LogDensity, starts: Array, most: int = MAX_STARTS) -> tup
 def distinct_modes(surface: LogDensity, points: Array, values: Array, known: int = 0) -> list[int]:
     """Return the indices of `points (n, D)` that are distinct maxima, the highest first.
 
-    The first `known` points are distinct maxima already, and are preferred to others of their ridge.
+    The first `known` points are distinct maxima, and are preferred to others on their ridges.
     """
     rank = values + np.where(np.arange(len(values)) < known, KNOWN_BONUS, 0.0)
     order = [int(k) for k in np.argsort(-rank, kind="stable")]
@@ -108,7 +108,7 @@ def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> Flags:
         on_ridge, roots, _, arrived = ridge_tracing.return_to_ridge(
             surface.quadratic_model, base, psi * (k / steps), guess
         )
-    roots[~arrived] = np.eye(tau.shape[1])  # solvable; these points count as not joined
+    roots[~arrived] = np.eye(tau.shape[1])  # any solvable matrix: these points are not joined
     sds = np.linalg.solve(roots, (tau - on_ridge)[..., None])[..., 0]
     return np.asarray(arrived & (np.linalg.norm(sds, axis=1) < SAME_RIDGE_SDS))
 
@@ -126,27 +126,27 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
     return np.asarray(mass / mass.sum())
 
 
-SAME_HEIGHT = 1e-6  # relative difference of log densities of twins, which rounding alone explains
+SAME_HEIGHT = 1e-6  # relative difference of twins' log densities that rounding explains
 POLE_PAIRS = 2  # pairs of poles whose aliases are tried, the fastest first
 MIN_IMAGINARY = 1e-6  # imaginary part over the largest pole, below which it is a rounding error
 SLOPE_STEP = 1e-5  # in priors' spreads, for differences of frequencies
 MAX_ALIASES_TRIED = 384  # aliases of a pair of poles that are tried, the most similar first
-ALIAS_STEPS = 8  # Gauss-Newton steps of these, after which their posterior mass is compared
-MAX_ALIASES = 96  # number of aliases that are starts, those with the largest mass
+ALIAS_STEPS = 8  # Gauss-Newton steps of aliases before their posterior mass is compared
+MAX_ALIASES = 96  # number of starts from aliases, those with the largest mass
 MAX_ITERATIONS = 12  # Newton iterations towards the frequency of an alias
-SAME_ALIAS = 0.3  # radians over the whole record: a climb corrects a smaller error
-MIN_ALIAS_HEIGHT = 0.3  # height of an alias in the spectral window, over that at zero
+SAME_ALIAS = 0.3  # phase error in radians over the record that a climb corrects
+MIN_ALIAS_HEIGHT = 0.3  # relative height of an alias in the spectral window
 WINDOW_OVERSAMPLING = 4  # points of the spectral window per width of a peak
-CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # cells of time per radian at the highest frequency, and all
+CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # time cells per radian; most in all
 SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along an unknown, and at most along a lag
 SCAN_POINTS_PER_SAMPLE = 2  # points along a lag, whose maxima may be one sample apart
-MAX_STARTS_PER_UNKNOWN = 96  # maxima along an unknown that are starts
+MAX_STARTS_PER_UNKNOWN = 96  # most starts from maxima along an unknown
 VALLEY_ALONG_LINE = 1.0  # in log density: less deep valleys along a line separate no maxima
 
 
 @dataclass(frozen=True, slots=True)
 class NearbyStarts:
-    """Starts `u (n, D)`, and the share of the aliases within the priors that is not among them."""
+    """Starts `u (n, D)`, and the share of the aliases inside the priors that they leave out."""
 
     u: Array
     missed_share: float
@@ -196,7 +196,7 @@ def alias_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
 
 
 def _heaviest(surface: LogDensity, points: Array) -> tuple[Array, float]:
-    """Return at most `MAX_ALIASES` of `points (n, D)`, those with most mass, and their share of it."""
+    """Return the `MAX_ALIASES` of `points (n, D)` with the most mass, and their share of mass."""
     if len(points) <= MAX_ALIASES:
         return points, 1.0
     u = gauss_newton(surface, points, ALIAS_STEPS).u
@@ -326,7 +326,7 @@ def _frequency_range(surface: LogDensity, u: Array) -> tuple[Array, Array]:
 def _at_frequencies(surface: LogDensity, u: Array, pair: int, wanted: Array) -> Array:
     """Return points `(m, D)` at which a pole pair has the `wanted (n,)` frequencies, in rad/s.
 
-    They are the nearest to `u (D,)` in priors' spreads; those out of the priors' reach are left out.
+    The points are the nearest to `u (D,)` in priors' spreads, without those outside the priors.
     """
     observations = surface.posterior.likelihood.observations
     span = max(float(np.ptp(observation.experiment.t)) for observation in observations)
@@ -336,7 +336,7 @@ def _at_frequencies(surface: LogDensity, u: Array, pair: int, wanted: Array) -> 
         logs, slope = _slopes(surface, points, pair)
         change = np.log(wanted) - logs
         done = np.abs(change) < tolerance
-        # An unknown at its bound does not move further out.  A pair that does not oscillate stops.
+        # An unknown at its bound does not move outwards.  A pair that does not oscillate stops.
         towards = slope * np.where(np.isfinite(change), change, 0.0)[:, None]
         stuck = (points <= surface.low) & (towards < 0) | (points >= surface.high) & (towards > 0)
         slope[stuck] = 0.0

@@ -1,4 +1,4 @@
-"""Load what workers search, walk and draw with; only workers and their server import this."""
+"""Load the modules of workers; only workers and their server import this module."""
 
 import gc
 import importlib
@@ -6,7 +6,7 @@ import sys
 from contextlib import suppress
 from types import TracebackType
 
-# Optional parts of corner and emcee, which no worker uses, take longer to load than all others.
+# Workers do not use optional parts of corner and emcee, which load more slowly than all else.
 UNUSED = ("arviz", "scipy.stats")
 NEEDED = (
     "emcee",
@@ -20,7 +20,7 @@ NEEDED = (
 
 
 def _say(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
-    """Print an exception, unless a semaphore is missing: its parent ended before this one began."""
+    """Print an exception, unless a semaphore is missing because the parent has already ended."""
     if kind is not FileNotFoundError:
         sys.__excepthook__(kind, error, traceback)
 
@@ -28,7 +28,7 @@ def _say(kind: type[BaseException], error: BaseException, traceback: TracebackTy
 sys.excepthook = _say
 sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]
 for _name in NEEDED:
-    with suppress(Exception):  # the task that needs it tells of it
+    with suppress(Exception):  # a task that needs the module reports the error
         importlib.import_module(_name)
-del sys.modules["scipy.stats"]  # some figures use it
-gc.freeze()  # searches for cycles pass over what is loaded, so that workers share its memory
+del sys.modules["scipy.stats"]  # some figures load it
+gc.freeze()  # no garbage collection of loaded modules, so that workers share their memory

@@ -1,8 +1,8 @@
 """Run tasks `function(posterior, *arguments)` in worker processes that share one posterior.
 
 Every worker gets the posterior once, computes on one thread, and leaves Ctrl-C to the parent. With
-one process the work is done in this one, which is limited to one thread, too.  Sums by several
-threads depend on their number, so a chain would depend on the machine.
+one process, this process does the work, also on one thread.  Sums by several threads depend on the
+number of threads, so a chain would depend on the machine.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from bayesdrill.inference.compression import Compressions, compressed
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import StepSizes
 
-TASK_SECONDS = 10.0  # seconds that a worker has to finish its task if the work is stopped
-PIPE = 1 << 15  # bytes that a pipe takes at once; larger arrays are put in a file
+TASK_SECONDS = 10.0  # seconds for a worker to finish its task when the work is stopped
+PIPE = 1 << 15  # bytes that a pipe takes at once; larger arrays go into a file
 ALIGNED = 64  # alignment of arrays in that file, in bytes
 SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 
@@ -42,7 +42,7 @@ SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 class _OneThread:
     """Limit linear algebra to one thread in this context.
 
-    The limit is that of the process: the first context sets it, and the last one restores the old one.
+    The limit holds for the process: the first context sets it, and the last one removes it.
     """
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ ONE_THREAD = _OneThread()
 
 @dataclass(frozen=True, slots=True)
 class _Form:
-    """Workers have to apply steps and compressed records to the posterior that they were given."""
+    """A form has the steps and compressed records that workers apply to their posterior."""
 
     steps: Mapping[str, StepSizes] = field(default_factory=dict)
     compressions: Compressions = field(default_factory=dict)
@@ -79,7 +79,7 @@ class _Form:
 
 @dataclass(frozen=True, slots=True)
 class _Copy:
-    """Workers load a posterior from pickled `data`; its arrays may be at `spans` of a file."""
+    """A copy is a posterior in pickled `data`; the arrays may be at `spans` of a file."""
 
     data: bytes
     spans: tuple[tuple[int, int], ...] = ()
@@ -97,9 +97,9 @@ class _Copy:
 def _copy_posterior(posterior: Posterior) -> tuple[_Copy, IO[bytes] | None]:
     """Return a copy for workers, and the file with its arrays, which is closed after their work.
 
-    All workers map this file, unless the arrays are small.  A pipe would block with large arrays until
-    a worker has started.  The file has no name, so that it never remains.  If a process cannot open
-    such a file of another, each worker has its own copy.
+    All workers map this file, unless the arrays are small.  A pipe with large arrays would block
+    until a worker has started.  The file has no name, so it never remains on the disk.  If workers
+    cannot open such a file, each has its own copy.
     """
     buffers: list[pickle.PickleBuffer] = []
     data = pickle.dumps(posterior, protocol=5, buffer_callback=buffers.append)
@@ -196,7 +196,7 @@ def start_workers(
                 initializer=_start_worker,
                 initargs=({**os.environ}, prepare, *arguments),
             )
-    except OSError as error:  # its semaphores are files of /dev/shm, or the like
+    except OSError as error:  # semaphores are files in /dev/shm or a similar folder
         reason = f"no worker processes can be started here ({error.strerror or error})"
         message = f"{reason}; see whether /dev/shm is full, or give --processes 1"
         raise InputError.at("", message) from None
@@ -205,10 +205,11 @@ def start_workers(
 def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
     """Shut down a pool, whose workers have `patience` seconds to finish their tasks.
 
-    The pool itself would wait for ever for a suspended worker, or the rest of a killed one's result.
-    Its thread is waited for, as it removes semaphores under a lock that a forked child would inherit.
+    The pool itself would wait for ever for a suspended worker, or for the rest of a killed worker's
+    result.  The pool's thread is waited for, as it removes semaphores under a lock that forks would
+    inherit.
     """
-    workers = list((pool._processes or {}).values())  # other children of this process are not ours
+    workers = list((pool._processes or {}).values())  # without other child processes
     thread: Any = pool._executor_manager_thread
     with held_signals():
         pool.shutdown(wait=False, cancel_futures=True)
@@ -228,17 +229,17 @@ _WORKER: dict[str, Any] = {}
 def _start_worker(
     environment: Mapping[str, str], prepare: Callable[..., None], *arguments: Any
 ) -> None:
-    os.environ.clear()  # that of the server may be older
+    os.environ.clear()  # the server's environment may be older
     os.environ.update(environment)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _exit_soon)
-    if hasattr(signal, "pthread_sigmask"):  # the server was started while signals were held
+    if hasattr(signal, "pthread_sigmask"):  # the server started with blocked signals
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     threading.Thread(target=_exit_with_parent, daemon=True).start()
     ONE_THREAD.__enter__()
-    importlib.import_module(PRELOADED)  # unless it was forked from the server
+    importlib.import_module(PRELOADED)  # no-op if forked from the server
     atexit.register(os._exit, 0)  # nothing has to be saved or cleaned up
     prepare(*arguments)
 
@@ -248,7 +249,7 @@ def _set_copied(copied: _Copy) -> None:
 
 
 def _exit_soon(_number: int, _frame: object) -> None:
-    """Exit some time after SIGTERM, which all processes may receive, unless the parent ends it first."""
+    """Exit some time after SIGTERM, which all processes may get; the parent may end it earlier."""
     timer = threading.Timer(SIGTERM_SECONDS, os._exit, (1,))
     timer.daemon = True
     timer.start()

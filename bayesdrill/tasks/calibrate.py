@@ -1,4 +1,4 @@
-"""Calibrate a config: distribute refits, save each when it is done, and judge all together."""
+"""Calibrate a config: distribute refits, save each finished refit, and judge all of them."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from bayesdrill.tasks.find_map import fit_plan
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
 RANKS = "ranks.csv"
-REFIT_FORM = 2  # version of the files of refits; the first had sentences as reasons
+REFIT_FORM = 2  # version of the files of refits; version 1 stored reasons as sentences
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,14 +82,14 @@ class CalibrationOutcome:
 
 
 def prepare(path: Path) -> Job:
-    """Prepare a job like `job.prepare`, but without a record if `simulation:` gives the times."""
+    """Prepare a job like `job.prepare`; a config with times in `simulation:` needs no record."""
     case = loading.load(path)
     paths = [path for experiment in case.experiments for path in sources.paths(experiment)]
     measured = all(path.exists() for path in paths)
     read: Callable[..., Experiment] = reading.read if measured else simulation.simulation_grid
     problem = build_problem(case, [read(experiment) for experiment in case.experiments])
-    # Samples matter only for the priors of free states.  They are set to zero, so that a calibration
-    # can be resumed with another record.
+    # Only priors of free states depend on the record's samples.  Samples are set to zero, so that a
+    # calibration can be resumed with another record.
     blank = [np.where(o.experiment.seen, 0.0, np.nan) for o in problem.observations]
     posterior = problem.posterior.edit(records=blank)
     return Job(case=case, problem=dataclasses.replace(problem, posterior=posterior))
@@ -113,7 +113,7 @@ def calibrate(
 ) -> CalibrationOutcome:
     """Run a calibration; raises `Interrupted`, or `BrokenProcessPool` if a worker is killed."""
     settings = job.config.calibration
-    # The fingerprint leaves out the number of refits, so that a calibration can be extended.
+    # The fingerprint omits the number of refits, so that a calibration can be extended.
     marks = provenance.fingerprint(job.config, job.problem) | {
         f"calibration.{name}": repr(value) for name, value in settings if name != "refits"
     }
@@ -125,7 +125,7 @@ def calibrate(
 
     with Folder(output, how, marks, output_files.CALIBRATE) as folder:
         if how == "resume":
-            saved(place, refitting)  # raises for damaged files before anything is written
+            saved(place, refitting)  # raises an error for damaged files before anything is written
         report.say(calibration_opening(job.problem, job.config))
         begin(job, folder, refits=settings.refits)
         with interruptions(folder, progress, (InputError,)):
@@ -138,9 +138,9 @@ def calibrate(
 def run(
     study: CalibrationStudy, n: int, folder: Path, crew: RefitExecutor, report: Reporter
 ) -> list[Refit]:
-    """Return the refits 0 to n - 1; those that `folder` lacks are computed, and saved when done.
+    """Return the refits 0 to n - 1; refits that `folder` lacks are computed and saved.
 
-    A refit is identified by its index alone, so that one that is computed twice counts once.
+    The index identifies a refit, so that a refit that is computed twice counts once.
     """
     done = {refit.index: refit for refit in saved(folder, study) if refit.index < n}
     folder.mkdir(exist_ok=True)
@@ -160,7 +160,7 @@ def run(
 
 
 def saved(folder: Path, study: CalibrationStudy) -> list[Refit]:
-    """Read all refits of a folder; raises `InputError` for a damaged file or one of another study."""
+    """Read all refits of a folder; raises `InputError` for files that are damaged or foreign."""
     is_output = output_files.CALIBRATE.is_output
     paths = sorted(path for path in folder.glob("*.json") if is_output(f"{REFITS}/{path.name}"))
     return [_read(path, study) for path in paths]
@@ -173,7 +173,7 @@ def _read(path: Path, study: CalibrationStudy) -> Refit:
     right &= 0 <= stored.steps <= study.plan.chains.max_steps
     right &= all(0 <= rank <= study.draws for rank in stored.ranks)
     if not right or stored.index != int(path.stem) or not np.isfinite(stored.truth).all():
-        raise InputError.at(str(path), COMPUTED_AGAIN)  # it is of another study
+        raise InputError.at(str(path), COMPUTED_AGAIN)  # from another study
     return stored
 
 
@@ -203,7 +203,7 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVe
 
 
 def _draw(job: Job, folder: Folder, verdict: CalibrationVerdict) -> None:
-    # Late: matplotlib takes a second to load.
+    # Imported late, as matplotlib loads in a second.
     from bayesdrill.report import style
 
     figures, output = folder.path / FIGURES, job.config.output

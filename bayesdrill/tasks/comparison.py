@@ -1,4 +1,4 @@
-"""Compare runs side by side, or as models of one record, and write a folder of what they say."""
+"""Compare runs side by side, or as models of one record, and write the results in a folder."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ from bayesdrill.results.run_folder import Folder
 from bayesdrill.tasks import conclusions
 from bayesdrill.tasks.conclusions import SampledRun
 
-FEWEST = 2  # runs
-LONGEST = 100  # letters of a folder's name
-OF_NOISE = ("the noise of", "the kind of noise")  # begin the names of settings
+FEWEST = 2  # least number of runs
+LONGEST = 100  # longest name of a folder, in letters
+OF_NOISE = ("the noise of", "the kind of noise")  # prefixes of names of settings
 WITHOUT = (
-    "has no log evidence: it is older than this result, or its proposal failed. "
+    "has no log evidence: an older version made it, or the proposal failed. "
     "`bayesdrill posterior CONFIG --resume` computes it from the existing chain"
 )
 
 
 @dataclass(frozen=True, slots=True)
 class NamedRun:
-    """A run has a name among others; `folder` is None if it was never saved."""
+    """A run is compared under a name; `folder` is None if it was never saved."""
 
     name: str
     folder: Path | None
@@ -52,9 +52,9 @@ class NamedRun:
 
 
 def check_runs(form: Form, runs: Sequence[object]) -> None:
-    """Raises `InputError` for fewer runs than two, more than can be told apart, and a model twice.
+    """Raise `InputError` for too few or too many runs, or for a repeated run.
 
-    `runs`: folders, or others that are known by themselves.
+    `runs` are folders, or objects that are compared by identity.
     """
     if not FEWEST <= len(runs) <= form.most:
         message = f"{len(runs)} given; {FEWEST} to {form.most} runs can be {form.purpose}"
@@ -70,10 +70,10 @@ FORMS: Mapping[str, Form] = {form.name: form for form in (OVERLAID, COMPARED)}
 
 
 def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
-    """Return the runs side by side or, as models of one record, held against the first.
+    """Return the runs side by side or, as models of one record, compared with the first.
 
-    Units are those of the first run that has any.  Raises `InputError` where a model is of another
-    record, or has no evidence.
+    Units are those of the first run with units.  Raises `InputError` for another record or a
+    missing evidence.
     """
     units = overlay_units([run.run.job for run in runs])
     if form is OVERLAID:
@@ -84,7 +84,7 @@ def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
 
 
 def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
-    """Return the units of the first run that gives any; SI if a name means two things."""
+    """Return the units of the first run with units; SI for a name with two meanings."""
     units, kinds = dict[str, Unit](), dict[str, set[str]]()
     for job in jobs:
         units = {**job.problem.units.units, **units}
@@ -97,7 +97,7 @@ def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
 def overlay_layer(
     name: str, run: SampledRun, units: DisplayUnits, fit: tuple[ResidualSummary, ...] | None = None
 ) -> PosteriorSummary:
-    """Return a run by its name among others, settings in these units; `fit`: residuals, if known."""
+    """Return a run under its name, with settings in `units`, and residuals `fit` if known."""
     job, sampled, fit = run.job, run.sampled, residuals(run) if fit is None else fit
     return PosteriorSummary(
         name=name,
@@ -111,7 +111,7 @@ def overlay_layer(
 
 
 def mark(run: SampledRun) -> str:
-    """Return the mark of a run, by which files name their run."""
+    """Return the mark of a run, which identifies the run in its files."""
     return provenance.marks(run.job.config, run.job.problem)[provenance.RUN_MARK]
 
 
@@ -121,7 +121,7 @@ def residuals(run: SampledRun) -> tuple[ResidualSummary, ...]:
 
 
 def distinct(names: Sequence[str]) -> list[str]:
-    """Return names as printable text, with a number after each that occurs again."""
+    """Return names as printable text; repeated names get a number."""
     texts: list[str] = []
     for name in map(encodable, names):
         n, candidate = 1, name
@@ -133,12 +133,12 @@ def distinct(names: Sequence[str]) -> list[str]:
 
 
 def default_folder(form: Form, names: Sequence[str]) -> Path:
-    """Return the folder of a comparison that is given none."""
+    """Return the default folder of a comparison."""
     return Path("results") / (form.prefix + "-".join(names))[:LONGEST]
 
 
 def check_folder(form: Form, output: Path, runs: Sequence[Path | None], *, force: bool) -> None:
-    """Raises `InputError` where `publish` would, before runs are read."""
+    """Raise `InputError` if `publish` would; this check comes before runs are read."""
     if output.resolve() in [run.resolve() for run in runs if run is not None]:
         raise InputError.at(str(output), "is one of these runs; give another --output")
     Folder(output, "force" if force else "fresh", {}, form.kind).check()
@@ -147,7 +147,7 @@ def check_folder(form: Form, output: Path, runs: Sequence[Path | None], *, force
 def publish(
     report: ComparisonReport, runs: Sequence[Path | None], output: Path, *, force: bool
 ) -> None:
-    """Write table, page and figures; `runs` are the folders of the runs, None for one in memory."""
+    """Write table, page and figures; `runs` are the runs' folders, None for a run in memory."""
     check_folder(report.form, output, runs, force=force)
     with Folder(output, "force" if force else "fresh", {}, report.form.kind) as folder:
         folder.begin(status="running", versions=software.installed_versions())
@@ -157,7 +157,7 @@ def publish(
 
 def write(report: ComparisonReport, folder: Folder) -> None:
     """Write table, page and figures into an open folder."""
-    from bayesdrill.report import style  # late: matplotlib takes a second to load
+    from bayesdrill.report import style  # late: matplotlib loads in a second
 
     for name, text in report.texts.items():
         folder.write_text(name, text)
@@ -165,14 +165,14 @@ def write(report: ComparisonReport, folder: Folder) -> None:
     figures.mkdir(exist_ok=True)
     note = {"Creator": software.creator(), provenance.RUN_MARK: report.mark}
     for name, drawing in report.figures.items():
-        # Not the heading: a file's format may write letters of a name otherwise.
+        # The heading is left out, as formats may write letters of a name differently.
         style.save(drawing.drawn(), figures, name, {**note, "Title": f"{report.form.name}: {name}"})
     folder.write_text("report.html", report.page(figures))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparedRun:
-    """A run that was compared has a name, the mark of its results and a folder, or None in memory."""
+    """A compared run has a name, the mark of its results, and a folder (None if in memory)."""
 
     name: str
     run: str
@@ -183,7 +183,8 @@ class ComparedRun:
 class ComparisonRecord:
     """The `run.json` of a finished comparison, an overlay or a ladder has these fields.
 
-    By `reasons` it must not be believed.  The last four are those of models of one record.
+    `reasons` say why the result must not be believed. The last four fields need models of one
+    record.
     """
 
     form: int = 1
@@ -198,7 +199,7 @@ class ComparisonRecord:
 def entries(
     report: ComparisonReport, runs: Sequence[Path | None], folder: Folder
 ) -> dict[str, object]:
-    """Of `run.json`, once all files are written."""
+    """Return the entries of `run.json` after all files are written."""
     home = folder.path.resolve()
     places = [
         None if run is None else Path(os.path.relpath(run.resolve(), home)).as_posix()
@@ -222,7 +223,7 @@ def read_record(run: Mapping[str, Any], folder: Path) -> ComparisonRecord:
     """Return the record in the `run.json` of `folder`; raises `InputError` if there is none."""
     try:
         record = from_data(ComparisonRecord, run)
-        # Names of folders may be no UTF-8, which pydantic replaces.
+        # Names of folders that are not UTF-8 are replaced by pydantic.
         places = [each["folder"] for each in run["runs"]]
         pairs = zip(record.runs, places, strict=True)
         return replace(record, runs=tuple(replace(each, folder=place) for each, place in pairs))
@@ -232,7 +233,7 @@ def read_record(run: Mapping[str, Any], folder: Path) -> ComparisonRecord:
 
 
 def check_same_record(runs: Sequence[NamedRun]) -> None:
-    """Raises `InputError` where one is not of the record of the first: such odds mean nothing."""
+    """Raise `InputError` if runs have different records, since their odds mean nothing."""
     first = _record(runs[0].run.job.problem)
     for run in runs[1:]:
         record = _record(run.run.job.problem)
@@ -241,8 +242,8 @@ def check_same_record(runs: Sequence[NamedRun]) -> None:
         names = [name for name in {**first, **record} if record.get(name) != first.get(name)]
         what = f" of {names[0]}" if names[0] else ""
         message = (
-            "this run is of another record, and odds compare models of one record. Give runs of one, or "
-            f"lay these over each other with `bayesdrill report`. The record{what} is "
+            "this run has another record, but odds compare models of one record. Give runs of one "
+            f"record, or overlay these by `bayesdrill report`. The record{what} is "
             f"{record.get(names[0], 'missing')} here and {first.get(names[0], 'missing')} in "
             f"{runs[0].place}"
         )

@@ -1,4 +1,4 @@
-"""Return what a finished chain means: its analysis, evaluated now or as its run has kept it."""
+"""Draw conclusions from a finished chain: its analysis, evaluated now or read from the run."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from bayesdrill.tasks import ranking
 
 @dataclass(frozen=True, eq=False)
 class SampledRun(Value):
-    """A run has a job, its maximum and its chain; `kept` is its analysis if its folder has one."""
+    """A sampled run has a job, a maximum and a chain; `kept` is the analysis in its folder."""
 
     job: Job
     mode: Mode
@@ -55,10 +55,10 @@ def concluded(
     alone: bool = True,
     explained: Causes | None = None,
 ) -> ReportContext:
-    """Return what the report of a run needs; what is said of it is evaluated when it is asked for.
+    """Return the context of a run's report, which evaluates each conclusion at first use.
 
-    `scenery`: of the job's likelihood, where there is one already; `alone`: no other model of the
-    record is tried beside it; `explained`: the causes of a bad fit, which are looked for otherwise.
+    `scenery` is that of the job's likelihood, if it exists already.  With `alone`, no other model
+    of the record is tried.  `explained` are the causes of a bad fit, if they are known already.
     """
     job = run.job
     chain = RunDraws(job.problem, run.mode, run.sampled, job.config.seed)
@@ -89,9 +89,9 @@ def causes(
     submit: ranking.Submit | None = None,
     report: Reporter = SILENT,
 ) -> Causes | None:
-    """Return what would explain what the maximum `mode` has `left`; None where that is only noise.
+    """Return causes that would explain the residuals `left` of `mode`; None if these are noise.
 
-    The job is in the steps of that mode.  `submit`: to other processes, or in this one.
+    The job has the integration steps of `mode`.  `submit` runs tasks in this process or others.
     """
     ranked = None
     if not residual_checks.like_noise(left):
@@ -109,7 +109,7 @@ def residuals(job: Job, mode: Mode) -> tuple[ResidualSummary, ...]:
 
 
 def doubts(job: Job, mode: Mode, study: IdentifiabilityStudy) -> tuple[str, ...]:
-    """Return why the fit forbids to believe what a `study` at the maximum calls determined."""
+    """Return reasons why a bad fit invalidates the conclusions of a `study` at the maximum."""
     posterior, left = job.problem.posterior, residuals(job, mode)
     if residual_checks.like_noise(left):
         return ()
@@ -140,7 +140,7 @@ def settings(case: ResolvedCase) -> dict[str, Any]:
 
 
 def analysis_mark(job: Job, mode: Mode, sampled: SamplingResult) -> str:
-    """Return a digest of all that an analysis is made of: config, record, maximum, chain and version."""
+    """Return a digest of an analysis's inputs: config, record, maximum, chain and version."""
     given = {name: x for name, x in settings(job.case).items() if name != "output"}
     made_of = (
         bayesdrill.__version__,
@@ -154,7 +154,7 @@ def analysis_mark(job: Job, mode: Mode, sampled: SamplingResult) -> str:
 
 
 def plan(config: Config) -> Plan:
-    """Return how a config samples."""
+    """Return the sampling settings of a config."""
     sampler = config.sampler
     return Plan(
         ensembles=sampler.ensembles,

@@ -133,18 +133,19 @@ def design(
 ) -> Designed:
     """Design an experiment for a job, given its prior or posterior draws `chain (N, D)`.
 
-    `options` has the fields of `SourceLimits`, a `family` and a number of `experiments`, each of
-    them None if not given.  If there is a `rival`, the experiment is to distinguish its model from
-    that of the job.  Raises `InputError` for options that do not fit.
+    `options` has the fields of `SourceLimits`, a `family` and a number of `experiments`; options
+    that are not given are None.  The experiment is to distinguish the model from that of a `rival`,
+    if there is one.  Raises `InputError` for options that do not fit.
     """
     problem, seed = job.problem, job.config.seed
     family, experiments = options.pop("family", None) or FREE, options.pop("experiments", 1)
     if family not in (FREE, *FAMILIES):
         hint = did_you_mean(family, [FREE, *FAMILIES])
-        raise InputError.at("--family", f"{family} is none of {', '.join((FREE, *FAMILIES))}{hint}")
+        known = ", ".join((FREE, *FAMILIES))
+        raise InputError.at("--family", f"{family} is not one of {known}{hint}")
     if rival is not None and learn:
         raise InputError.at(
-            "--tell", "a design tells models apart or learns targets; give one of both"
+            "--tell", "a design either distinguishes models or learns targets; give only one"
         )
     request = DesignRequest(
         source=_source(job, options),
@@ -160,7 +161,7 @@ def design(
         known = prior_knowledge(problem, draws, CHECKED_DRAWS, seed)
     else:
         known = posterior_knowledge(problem, chain, draws, CHECKED_DRAWS)
-    with ONE_THREAD:  # for such small matrices further threads only cost time
+    with ONE_THREAD:  # more threads would be slower for such small matrices
         if rival is None:
             made = design_experiment(problem, request, known, job.config.identify, report)
         else:
@@ -188,7 +189,7 @@ def _source(job: Job, options: dict[str, Any]) -> SourceLimits:
 
 
 def coming_config(job: Job, design: ExperimentDesign) -> str:
-    """Return the config of the coming record, with columns named as the channels and the input."""
+    """Return the config of the coming record, whose columns are named like channels and input."""
     first, source = job.case.experiments[0], design.request.source
     data = copy.deepcopy(dict(first.source.data))
     channels = {}

@@ -25,7 +25,7 @@ from bayesdrill.tasks.conclusions import SampledRun
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedNumber:
-    """A quantity of a part has `draws (N,)` and a value at the MAP, in SI."""
+    """An exported quantity of a part has `draws (N,)` and a value at the MAP, in SI."""
 
     part: str
     name: str
@@ -43,8 +43,9 @@ class ExportedNumber:
 class SimulatorModel:
     """A rig is described in terms of a simulator.
 
-    `joints` are names by the state of their speed.  `springs` have the joints at their ends, with the
-    turns of the end for each turn of the joint.  `drives` have their joint and such turns.
+    `joints` are names by the state of their speed.  `springs` have a joint at each end, with the
+    turns of the spring's end per turn of the joint.  `drives` have a joint, with the drive's turns
+    per turn of the joint.
     """
 
     title: str
@@ -69,7 +70,7 @@ def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> Si
     p = posterior.likelihood.rig_parameters(theta)
     moving = model.roles.moving(model.states, model.parameters)
     if not moving:
-        message = f"the rig {model.name} does not say what its inertias are (`roles`)"
+        message = f"the rig {model.name} does not describe its inertias (`roles`)"
         raise InputError.at(str(run.job.config.name), f"{message}; nothing can be exported")
     joints = {speed: inertias[-1].name for speed, inertias in moving.items()}
     turns = {
@@ -190,7 +191,7 @@ def _body(joint: str, model: SimulatorModel) -> str:
 def as_mjcf(model: SimulatorModel, *, dcmotor: bool = False) -> str:
     """Return a MuJoCo model at the posterior means, with a joint for each coordinate.
 
-    With `dcmotor`, motors with a circuit are actuators of that kind, which MuJoCo has since 3.5.
+    With `dcmotor`, motors with a circuit are `dcmotor` actuators (MuJoCo 3.5 or later).
     """
     root = Element("mujoco", model=model.title)
     root.append(Comment(_spread(model)))
@@ -199,7 +200,7 @@ def as_mjcf(model: SimulatorModel, *, dcmotor: bool = False) -> str:
     world = SubElement(root, "worldbody")
     for joint in model.joints.values():
         means = model.means(joint)
-        for name in ("damping", "frictionloss"):  # MuJoCo has one number for both directions
+        for name in ("damping", "frictionloss"):  # MuJoCo has a single number for both directions
             if name in means:
                 means[name] = (means[name] + means.get(f"{name}_backward", means[name])) / 2.0
         body = SubElement(world, "body", name=_body(joint, model))
@@ -230,9 +231,9 @@ def as_mjcf(model: SimulatorModel, *, dcmotor: bool = False) -> str:
 
 
 def _gains(means: Mapping[str, float]) -> dict[str, str]:
-    """Return the entries of a general actuator: the effort for its input, an angle and a speed.
+    """Return the entries of a general actuator: the gains of its input, an angle and a speed.
 
-    The input is a voltage, or the goal of a servo at its usual supply, whose limit is left out.
+    The input is a voltage, or the goal of a servo at its usual supply.  Its limit is left out.
     """
     resistance = means.get("resistance", 1.0) + means.get("series_resistance", 0.0)
     gain = means.get("torque_constant", 1.0) / resistance
@@ -252,7 +253,7 @@ def _is_servo(means: Mapping[str, float]) -> bool:
 
 
 def _circuit(means: Mapping[str, float]) -> dict[str, str]:
-    """Return the entries of MuJoCo's `dcmotor`; none of a servo, or without resistance and constants."""
+    """Return the entries of MuJoCo's `dcmotor`; empty for a servo or an incomplete circuit."""
     if _is_servo(means) or not {"resistance", "torque_constant", "back_emf"} <= means.keys():
         return {}
     resistance = means["resistance"] + means.get("series_resistance", 0.0)

@@ -1,4 +1,4 @@
-"""Search for the MAP as a config asks for it, and write the folder of a maximum."""
+"""Search for the MAP by the settings of a config, and write the folder of a maximum."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from bayesdrill.tasks.conclusions import plan
 
 
 def check_place(output: Path, *, force: bool) -> None:
-    """Raises `InputError` where `save` would, before minutes of searches."""
+    """Raise `InputError` if `save` would; this check comes before minutes of searches."""
     Folder(output, "force" if force else "fresh", {}, MAP).check()
 
 
@@ -68,18 +68,18 @@ def save(job: Job, mode: Mode, output: Path, record: str | None, *, force: bool)
 
 
 def read(output: Path) -> tuple[Job, Mode]:
-    """Read what `save` wrote; raises `InputError` if config or record are others."""
+    """Read the files of `save`; raises `InputError` if config or record have changed."""
     job = prepare(output / output_files.RESOLVED_FILE)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "read", marks, MAP) as folder:
         mode = read_mode(folder, job.problem)
     if mode is None:
-        raise InputError.at(str(output / MAP_FILE), "is not there; map it again")
+        raise InputError.at(str(output / MAP_FILE), "is missing; run `bayesdrill map` again")
     return job, mode
 
 
 def find_mode(job: Job, processes: int, report: Reporter, *, quick: bool = False) -> Mode:
-    """Find the MAP alone and write nothing; `quick` searches only from the configured start."""
+    """Find the MAP without writing files; `quick` searches only from the configured start."""
     if quick:
         job = job.with_settings(map=job.config.map.model_copy(update={"starts": 1}))
     posterior, wanted = job.problem.posterior, fit_plan(job)
@@ -91,11 +91,11 @@ SHORTEST = {
     "auto": COMPRESSED_FROM,
     "exact": None,
     "compressed": 0,
-}  # samples of what is compressed
+}  # samples of compressed records
 
 
 def fit_plan(job: Job) -> FitPlan:
-    """Return how a job fits its posterior, as its config says it."""
+    """Return the settings by which a job fits its posterior, from its config."""
     settings = job.config.map
     return FitPlan(
         optimiser=optimiser(job.config),
@@ -107,29 +107,29 @@ def fit_plan(job: Job) -> FitPlan:
 
 
 def end_search(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -> Mode:
-    """Return the maximum, and report how good the fit is there."""
+    """Return the maximum of a search, and report the quality of the fit."""
     mode = end_searches(pool, under_way, report)
     report.say(describe_searches(mode))
     return mode
 
 
 def misfit(left: Sequence[ResidualSummary], clock: Unit) -> str:
-    """Describe the residuals `left` at a maximum if they forbid to believe a posterior; else empty."""
+    """Describe residuals `left` that are too large to believe a posterior; empty for a good fit."""
     return residual_sentences(left, clock) if residual_reasons(left) else ""
 
 
 def check_new_config(job: Job, path: Path, *, force: bool) -> None:
-    """Raises `InputError` where `write_config` would, before minutes of searches."""
+    """Raise `InputError` if `write_config` would; this check comes before minutes of searches."""
     place = str(path)
     if job.files.given is not None:
         raise InputError.at(
-            place, "the record is in no file yet; save the case, then map its config"
+            place, "no file contains the record yet; save the case, then map its config"
         )
     if path.suffix not in (".yaml", ".yml"):
         raise InputError.at(place, "a config is a .yaml file; give such a name")
     output_files.refuse_other_than_file(path)
     if path.resolve() == job.source.path.resolve():
-        raise InputError.at(place, "is the config that is mapped; give another name")
+        raise InputError.at(place, "is the given config; give another name")
     output_files.refuse_existing(path, force=force)
 
 
@@ -150,7 +150,7 @@ def write_mode(folder: Folder, mode: Mode) -> None:
 
 
 def read_mode(folder: Folder, problem: Problem) -> Mode | None:
-    """Read `map.json`, or return None; raises `InputError` if it is damaged, or of another run."""
+    """Read `map.json`, or return None; raises `InputError` if it is damaged or foreign."""
     path = folder.path / MAP_FILE
     if not path.exists():
         return None
@@ -162,7 +162,7 @@ def read_mode(folder: Folder, problem: Problem) -> Mode | None:
 
 
 def _possible(mode: Mode, problem: Problem) -> bool:
-    """Return whether a mode may be one of this posterior."""
+    """Return whether a mode may belong to this posterior."""
     space, labels = problem.posterior.space, {each.label for each in problem.all_observations}
     maxima = [maximum.values for maximum in mode.maxima]
     points = (*maxima, *(search.end for search in mode.searches), mode.slope)

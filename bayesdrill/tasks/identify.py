@@ -1,4 +1,4 @@
-"""Compute what a record can show before anything is sampled (`bayesdrill identify`)."""
+"""Predict what a record can determine, before anything is sampled (`bayesdrill identify`)."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ ALL = "all"
 @check_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Findings(Value):
-    """The findings are the results of `case.identify()`, which `print` shows and `save` writes.
+    """Findings are the results of `case.identify()`; `print` shows them, and `save` writes them.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Findings(Value):
     profiles : tuple of Profile
         The profile likelihoods of the requested parameters, in SI.
     moment : InputTiming or None
-        Half a sample by which the record seems to be shifted against its input.
+        A shift of half a sample that seems to exist between record and input.
     point : StudyPoint
         The point at which the sensitivities are evaluated.
     reasons : tuple of str
@@ -105,7 +105,7 @@ class Findings(Value):
         return tuple(profile.over(units.factor(profile.name)) for profile in self.profiles)
 
     def save(self, folder: str | Path, *, force: bool = False) -> str:
-        """Save text and figures in a folder, which may have other results too.
+        """Save text and figures in a folder, which may also contain other results.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class Findings(Value):
         Raises
         ------
         InputError
-            If other files have these names, or earlier ones without `force`.
+            If other files have these names, or if earlier results exist and `force` is false.
         """
         title = f"What {self.job.config.name} can say"
         draw = self._drawn
@@ -149,7 +149,7 @@ class Findings(Value):
 def identify(job: Job, best: Mode | None, wanted: Sequence[str], report: Reporter) -> Findings:
     """Study a job at the maximum `best`, or else at its start, with profiles of `wanted` parameters.
 
-    Raises `InputError` if no parameter is unknown, or one of `wanted` is none.
+    Raises `InputError` if no parameter is unknown, or one of `wanted` is not an unknown.
     """
     posterior = job.problem.posterior
     sensitivities = SensitivityStudy(posterior.likelihood)
@@ -181,7 +181,7 @@ def identify(job: Job, best: Mode | None, wanted: Sequence[str], report: Reporte
 
 
 def preflight(job: Job, sensitivities: SensitivityStudy) -> str:
-    """Describe in a few lines what the record can show at the start, or where the rig moves."""
+    """Describe in a few lines what the record can determine, at a point where the rig moves."""
     if not sensitivities.unknowns:
         return "no unknown has a relative deviation: all are of sensors, starts or noise, or have a sign"
     posterior = job.problem.posterior

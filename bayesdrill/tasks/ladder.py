@@ -32,16 +32,16 @@ from bayesdrill.tasks.conclusions import SampledRun, concluded
 from bayesdrill.tasks.find_map import fit_plan
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
-RANKED = "candidates"  # entry of `run.json` with the result of the ranking
-KEPT = 20  # candidates in `run.json`
-STEPS = 400  # steps of a walker that a posterior with one maximum usually needs
+RANKED = "candidates"  # entry of `run.json` that holds the ranking
+KEPT = 20  # number of candidates in `run.json`
+STEPS = 400  # usual number of steps of a walker for a posterior with one maximum
 GIVEN, AS_GIVEN = "as_given", "the config as it is"
-LONGEST_NAME = 100  # letters in the name of a config
+LONGEST_NAME = 100  # longest name of a config, in letters
 
 
 @dataclass(frozen=True, slots=True)
 class LadderModel:
-    """A model of a ladder adds `parts` to the config as given; `about` describes it."""
+    """A model of a ladder adds `parts` to the given config; `about` describes the model."""
 
     name: str
     about: str
@@ -111,7 +111,7 @@ def ladder(
 
 
 class _Sampling:
-    """A sampling fits the models of a ladder; `left_out` has reasons why some have no result."""
+    """A sampling fits models of a ladder; `left_out` gives reasons for models without a result."""
 
     def __init__(
         self, job: Job, folder: Folder, pool: RefitExecutor, report: Reporter, *, again: bool
@@ -122,7 +122,7 @@ class _Sampling:
         self.left_out: dict[str, str] = {}
 
     def run(self, sample: int) -> None:
-        """Rank all candidates, and sample the most probable; the config as given counts as one."""
+        """Rank all candidates, including the given config, and sample the most probable ones."""
         causes = (self._ranked_before() if self.again else None) or self._ranked()
         self.folder.write_run(**{RANKED: as_data(causes)})
         better = [cause for cause in causes.ranked if cause.bayes > 0.0]
@@ -169,7 +169,7 @@ class _Sampling:
         return dataclasses.replace(causes, ranked=causes.ranked[:KEPT])
 
     def _taken_up(self, place: str, model: LadderModel) -> bool:
-        """Return whether the model was run before, and take up its result."""
+        """Take up the earlier result of a model, and return whether there is one."""
         folder = self.folder.path / place
         run = (run_folder.read_run(folder) if self.again else None) or {}
         marks = provenance.fingerprint(model.job.config, model.job.problem)
@@ -185,7 +185,7 @@ class _Sampling:
             return
         mode, sampled = made
         run = SampledRun(model.job.with_steps_at(mode), mode, sampled)
-        view = concluded(run, alone=False)  # the ranking says what may be missing
+        view = concluded(run, alone=False)  # the ranking already names missing causes
         pipeline.write_result(run.job, view, self.folder.path / place, None, force=True)
         if not self._known(place, model, dataclasses.replace(run, kept=view.analysis)):
             self.left_out[model.name] = "its evidence could not be computed"
@@ -198,13 +198,13 @@ class _Sampling:
 
 
 def search(posterior: Posterior, plan: FitPlan) -> Mode:
-    """Find the MAP in this process alone."""
+    """Find the MAP in this process, without workers."""
     with WorkerPool(posterior, 1) as pool:
         return end_searches(pool, begin_searches(pool, plan, SILENT), SILENT)
 
 
 def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult] | str:
-    """Fit a posterior; return a sentence instead if nothing can be sampled."""
+    """Fit a posterior; if nothing can be sampled, return a sentence that says why."""
     try:
         return fit(posterior, plan)
     except NoSupportError as error:
@@ -212,7 +212,7 @@ def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult] | s
 
 
 def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
-    """Write the comparison of all models with the one that the ranking found least probable."""
+    """Write the comparison of all models; the reference is the least probable in the ranking."""
     if not work.done:
         raise InputError.at(str(job.source.path), "; ".join(work.left_out.values()))
     places = sorted(work.done, reverse=True)
@@ -243,7 +243,7 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
 
 
 def recommended(every: Sequence[LadderModel], report: ComparisonReport) -> LadderModel:
-    """Return the simplest of the models that are about as probable as the best."""
+    """Return the simplest model that is about as probable as the best."""
     models = report.models
     least = max(model.log_z for model in models) - SURE_LOG_ODDS
     good = [k for k, model in enumerate(models) if model.log_z >= least]

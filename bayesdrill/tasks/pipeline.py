@@ -47,7 +47,7 @@ from bayesdrill.tasks.conclusions import (
 )
 from bayesdrill.tasks.identify import preflight
 
-# What sampling and report load when they need it, for it takes a while.
+# Slow modules that sampling and report load when they need them.
 LOADED_LATE = (
     "scipy.stats",
     "arviz_stats.base",
@@ -59,8 +59,8 @@ LOADED_LATE = (
 class Outcome:
     """A finished run has a `summary` for a screen, and `details` with all that needs no figures.
 
-    `reasons`: why the result must not be believed: it did not converge, or does not fit.
-    `missing`: tables and figures that could not be made.
+    `reasons` say why the result must not be believed (no convergence, or a bad fit), and `missing`
+    has the tables and figures that could not be made.
     """
 
     folder: Path
@@ -85,18 +85,18 @@ def run_posterior(
 ) -> Outcome:
     """Search the MAP, sample the posterior and write the report into `output`.
 
-    `details` is told all that `report` has no room for.  Raises `Interrupted` when asked to stop, and
-    `BrokenProcessPool` when a worker was killed; what was found and sampled is saved.
+    `details` receives all messages that are too long for `report`.  Raises `Interrupted` when asked
+    to stop, and `BrokenProcessPool` when a worker was killed; finished results are saved.
     """
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks, POSTERIOR) as folder:
         mode: Mode | None = None
-        if how == "resume":  # read before anything is written: what cannot go on stays as it is
+        if how == "resume":  # read first, so that a refused run stays unchanged
             _read_ahead(job, folder)
             mode = find_map.read_mode(folder, job.problem)
         report.say(words.headline(job.problem, job.config))
         if any((folder.path / output_files.PIECES).glob("*.npz")):
-            report.say("segments that an older version left unfinished are not read")
+            report.say("unfinished segments of an older version are not read")
         details.say(words.opening(job.problem))
         details.say(words.size(job.problem, job.config))
         begin(job, folder)
@@ -105,12 +105,12 @@ def run_posterior(
 
 
 def _saved_so_far(folder: Folder) -> str:
-    """Return what a run that was stopped leaves, in words."""
+    """Describe the saved results of a stopped run."""
     if folder.sampled:
-        return f"what was sampled is saved in {folder.path}"
+        return f"all samples so far are saved in {folder.path}"
     if (folder.path / find_map.MAP_FILE).exists():
-        return f"the maximum is saved in {folder.path}, and nothing was sampled yet"
-    return f"nothing was found yet, and {folder.path} holds the config alone"
+        return f"the maximum is saved in {folder.path}, but nothing was sampled yet"
+    return f"nothing was found yet, and {folder.path} only has the config"
 
 
 def _read_ahead(job: Job, folder: Folder) -> None:
@@ -127,7 +127,7 @@ def _run(
         if not pool.in_process:
             loader.map(importlib.import_module, LOADED_LATE)
         searches = None if mode else begin_searches(pool, find_map.fit_plan(job), report)
-        # While others search the MAP, this process looks at what the record can show.
+        # While workers search the MAP, this process identifies what the record can determine.
         study = SensitivityStudy(job.problem.posterior.likelihood)
         report.update(0.0, "looking at what the record can show")
         details.say(preflight(job, study))
@@ -159,7 +159,7 @@ def _run(
 def republish(
     output: Path, processes: int, report: Reporter = SILENT, *, pdf: bool = False
 ) -> Outcome:
-    """Make tables and figures again, from the chain that `output` holds; `pdf`: all as PDF too."""
+    """Make tables and figures again from the chain in `output`; `pdf` adds PDFs of all figures."""
     job, marks = _read_job(output)
     with Folder(output, "report", marks, POSTERIOR) as folder:
         finished = _read_sampled(job, folder)
@@ -167,17 +167,17 @@ def republish(
         folder.begin()
         with WorkerPool(finished.job.problem.posterior, processes) as pool:
             seconds = dict(run.get("seconds", {}))
-            seconds.pop("report", None)  # is being made again
+            seconds.pop("report", None)  # the report is being made again
             view = concluded(finished, seconds=seconds)
             return _publish(finished.job, folder, view, pool, report, pdf=pdf)
 
 
 def copy_result(source: Path, output: Path, *, force: bool) -> None:
-    """Copy what a report is made from, of a run one may only read; raises `InputError` without one."""
+    """Copy a read-only run without its report; raises `InputError` if `source` has no run."""
     if output.resolve() == source.resolve():
-        raise InputError.at(str(output), "holds this very run; leave --output out")
+        raise InputError.at(str(output), "is the folder of this run; omit --output")
     how: run_folder.WriteMode = "force" if force else "fresh"
-    Folder(output, how, {}, POSTERIOR).check()  # before the chain is read
+    Folder(output, how, {}, POSTERIOR).check()  # checked before the chain is read
     job = read_result(source).job
     check_record(job, output)
     run = run_folder.read_run(source) or {}
@@ -190,7 +190,7 @@ def copy_result(source: Path, output: Path, *, force: bool) -> None:
 
 
 def read_result(output: Path) -> SampledRun:
-    """Read the run that `output` holds; nothing is written."""
+    """Read the run in `output` without writing anything."""
     job, marks = _read_job(output)
     with Folder(output, "read", marks, POSTERIOR) as folder:
         return _read_sampled(job, folder)
@@ -203,7 +203,7 @@ def _read_job(output: Path) -> tuple[Job, dict[str, str]]:
         raise InputError.at(str(output), "no results here; give the folder of a finished run")
     if run.get("job") != POSTERIOR.job:
         whose = f"results of `bayesdrill {run.get('job')}`"
-        way_out = "which makes its tables and figures itself; give the folder of a posterior"
+        way_out = "a command that makes its own tables and figures; give the folder of a posterior"
         raise InputError.at(str(output), f"{whose}, {way_out}")
     if not (output / RESOLVED_FILE).exists():
         raise InputError.at(str(output), "the run stopped as it began; continue it with --resume")
@@ -215,7 +215,7 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
     path = folder.path
     mode = find_map.read_mode(folder, job.problem)
     if mode is None:
-        message = "is not there; continue with --resume, which searches the MAP again"
+        message = "is missing; continue with --resume, which searches the MAP again"
         raise InputError.at(str(path / find_map.MAP_FILE), message)
     job = job.with_steps_at(mode)
     posterior = job.problem.posterior
@@ -239,7 +239,7 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
 def write_result(
     job: Job, view: ReportContext, output: Path, record: str | None, *, force: bool
 ) -> Outcome:
-    """Write what was sampled in memory, as `run_posterior`; `record`: its text, where it has no file."""
+    """Write samples in memory like `run_posterior`; `record` is the text of a record in memory."""
     check_record(job, output, record)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "force" if force else "fresh", marks, POSTERIOR) as folder:
@@ -256,7 +256,7 @@ def write_result(
 
 
 def sample_in_memory(job: Job, mode: Mode, processes: int, report: Reporter) -> SamplingResult:
-    """Sample from the maximum `mode`, in whose steps the job is."""
+    """Sample from the maximum `mode`; the job has the integration steps of this mode."""
     with WorkerPool(job.problem.posterior, processes) as pool:
         return _sample(job, pool, mode, MemoryBackend(), report)
 
@@ -267,7 +267,7 @@ def _sample(
     try:
         return sample_maxima(pool, mode, find_map.fit_plan(job), backend, report)
     except NoSupportError as error:
-        message = f"{error}; the record and the priors do not go together, check units and values"
+        message = f"{error}; record and priors contradict each other; check units and values"
         raise job.source.error(("parameters",), message) from None
     except CompressionError as error:
         message = f"cannot be compressed: {error}; write `auto`, or leave it out"
@@ -293,7 +293,7 @@ def _publish(
     *,
     pdf: bool = False,
 ) -> Outcome:
-    """Write tables, figures and record; `begun` is the time at which the report of a timed run began."""
+    """Write tables, figures and record; the report of a timed run began at the time `begun`."""
     missing = publish.write_results(view, folder, pool, report, pdf=pdf)
     report.update(1.0, "")
     seconds, judged = dict(view.seconds), view.analysis.judged

@@ -1,4 +1,4 @@
-"""Rank candidate models: refit each from the maximum, alone and beside others that gain evidence."""
+"""Rank candidate models: refit each from the maximum, alone and with others that gain evidence."""
 
 from __future__ import annotations
 
@@ -32,32 +32,32 @@ from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.selection.candidates import CandidateModel, CandidateModels
 from bayesdrill.selection.changes import GEAR, LATER, START, WIDENED
 
-Submit = Callable[..., Future[Any]]  # of a function and its arguments
-PAIRED = 4  # candidates that are tried in all pairs
-# Constants that are sought on a grid, and then between the best and its neighbours.
-GEARS = (0.1, 0.2, 0.25, 1 / 3, 0.5, 0.7, 1.4, 2.0, 3.0, 4.0, 5.0, 10.0)  # times the given one
-CLOCKS = (0.95, 0.97, 0.98, 0.99, 0.995, 1.005, 1.01, 1.02, 1.03, 1.05)  # times the clock's own
+Submit = Callable[..., Future[Any]]  # submits a function and its arguments
+PAIRED = 4  # number of candidates that are tried in all pairs
+# Values of constants: first this grid is tried, then values next to the best one.
+GEARS = (0.1, 0.2, 0.25, 1 / 3, 0.5, 0.7, 1.4, 2.0, 3.0, 4.0, 5.0, 10.0)  # times the given ratio
+CLOCKS = (0.95, 0.97, 0.98, 0.99, 0.995, 1.005, 1.01, 1.02, 1.03, 1.05)  # times the clock's time
 FINEST_GEAR, FINEST_CLOCK = 1e-3, 1e-5
-LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # of the record
-SEEK_ROUNDS, SAME_HEIGHT = 8, 1.0  # rounds at most; of the log evidence: no more is gained
-HANDED_OVER = 4  # refits at a time
+LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # shares of the record
+SEEK_ROUNDS, SAME_HEIGHT = 8, 1.0  # most rounds; gain of log evidence that ends them
+HANDED_OVER = 4  # number of refits that run at a time
 # Combinations are refitted until all refits together have this number of evaluations, which is about
 # five minutes of a processor for a rig with friction and 10,000 samples.
 MOST_EVALUATIONS = 700_000
-PROMISE = 3.0  # natural logs of the density: what gains less is no candidate
-MIN_SHARE_WORTH_COMBINING = 0.05  # of what a catch-all gains
-REDUNDANT = 0.99  # of what two parts gain together: where each gains so much, one is enough
-MAX_HIDDEN = 0.02  # of the samples: more may be hidden only where all others are explained
-WINDOWS = 4  # of the record, where nothing explains all
+PROMISE = 3.0  # least gain of log density [nats] of a candidate
+MIN_SHARE_WORTH_COMBINING = 0.05  # relative to the gain of a catch-all
+REDUNDANT = 0.99  # share of two parts' gain; if each alone gains more, one is enough
+MAX_HIDDEN = 0.02  # share of samples that may be masked unless all others are explained
+WINDOWS = 4  # number of windows of a record that no candidate explains
 
 
 def rank(
     job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporter
 ) -> tuple[Causes, Mapping[tuple[str, ...], RefitMaximum]]:
-    """Refit all candidate models of `job` from its maximum; return also where these ended, by parts.
+    """Refit all candidate models of `job` from its maximum; return also their maxima, by parts.
 
-    First each part by itself and pairs of the best; then, as long as it gets better, what else gained
-    beside the best.  `submit` does `refits.refit_candidate` in this process or another.
+    First come single parts and pairs of the best; then parts are added to the best while it
+    improves.  `submit` calls `refits.refit_candidate` in this process or another.
     """
     posterior = job.problem.posterior
     given = submit(refit_candidate, posterior, maximum, -math.inf).result()
@@ -69,10 +69,10 @@ def rank(
 class Ranking:
     """A ranking of candidate models is under way or done.
 
-    `given`: the refit of the config as it is; `causes_by_parts`: candidates that were refitted;
-    `maxima`: where the refits of these ended; `left_out`: why others could not be refitted; `tried`: how
-    many values of a constant were tried; `evaluations`: of all refits; `untried`: combinations in words,
-    which were not refitted after too many of these.
+    `given` is the refit of the given config, `causes_by_parts` has the refitted candidates, and
+    `maxima` their maxima.  `left_out` has reasons why others could not be refitted, `tried` the
+    numbers of tried values of constants, and `evaluations` the count in all refits.  `untried`
+    describes combinations that were not refitted because that count was too large.
     """
 
     job: Job
@@ -97,12 +97,12 @@ class Ranking:
         self.records = measured_samples(posterior.likelihood)
 
     def causes(self) -> Causes:
-        """Refit all, and return what was found, the recommended first."""
+        """Refit all candidates, and return the causes, the recommended one first."""
         self.refit_all(self.models.singles(), self.maximum)
         for name, values in self._constants():
             self._seek(name, *values)
         best = self._best()
-        # A rig that moves from its start alone shows only there what it may lack.
+        # A rig that no input drives shows missing physics only in its first motion.
         if best is not None and best.parts == (START,) and best.bayes > SURE_LOG_ODDS:
             (rung,) = self.models.rungs([best.parts])
             there = CandidateModels.from_job(rung.job(), self.maxima[best.parts].values)
@@ -123,15 +123,15 @@ class Ranking:
 
     @property
     def _explained(self) -> bool:
-        """Return whether a cause that can be trusted leaves only noise."""
+        """Return whether some trusted cause leaves only noise."""
         named = [c for c in self.causes_by_parts.values() if not c.absorbing and not c.doubts]
         return any(c.explains_all and c.bayes > SURE_LOG_ODDS for c in named)
 
     def _combine(self) -> None:
-        """Try pairs of what gained by itself, and more beside the best as long as that gets better."""
+        """Try pairs of parts that gained alone, then add parts to the best while it improves."""
         least = SURE_LOG_ODDS + self._worth(0.0)
         first = [c.parts[0] for c in self._all() if not c.absorbing and c.bayes > least]
-        first.sort(key=lambda name: not name.startswith(WIDENED))  # what ends priors hides the rest
+        first.sort(key=lambda name: not name.startswith(WIDENED))  # a prior's end hides all else
         for k, part in enumerate(first[:PAIRED]):
             self._beside((part,), first[k + 1 : PAIRED])
         absorbing = [change.name for change in self.models.changes.values() if change.absorbs]
@@ -141,10 +141,10 @@ class Ranking:
             self._beside(best.parts, absorbing)
 
     def _climb(self, absorbing: Sequence[str]) -> None:
-        """Add to the best what makes it more probable, and remove what no longer does, in turns.
+        """In turns, add parts that make the best more probable, and remove parts that no longer do.
 
-        What stands for another part is thus removed before more is built upon it.  A turned sign or an
-        exchange of columns that loses alone is not tried again.
+        A part that stands for another one is thus removed early.  A turned sign or an exchange of
+        columns that loses alone is not tried again.
         """
         changes = self.models.changes.values()
         lost = {c.name for c in self._all() if not c.new and c.bayes < -SURE_LOG_ODDS}
@@ -155,12 +155,12 @@ class Ranking:
                 break
             before = best.bayes
             if self._worth(before) == 0.0:
-                self._beside(best.parts, absorbing)  # which tells what is left to gain
+                self._beside(best.parts, absorbing)  # shows the remaining gain
             self._beside(best.parts, more)
             self._reduce()
 
     def _reduce(self) -> None:
-        """Refit the best without each of its parts, as long as that makes it more probable."""
+        """Remove parts from the best candidate while this makes it more probable."""
         before = -math.inf
         while (best := self._best()) is not None and best.bayes > before:
             before = best.bayes
@@ -168,10 +168,10 @@ class Ranking:
             self.refit_all(fewer, self.maxima[best.parts].values, self._rival)
 
     def _beside(self, parts: tuple[str, ...], more: Iterable[str]) -> None:
-        """Refit a candidate that was refitted, with each of `more`, from where its maximum is.
+        """Refit a candidate with each part of `more` added, from the maximum of the candidate.
 
-        What gained most before comes first, since others are not finished once they fall behind it.
-        Nor are those that do not make the candidate more probable, whether it can be trusted or not.
+        Parts with the largest earlier gain come first, since refits that fall behind the best are
+        not finished.  Refits that do not make the candidate more probable are not finished either.
         """
         wider = sorted(
             self.models.beyond(parts, more), key=lambda rung: -self._gained(rung.names[-1])
@@ -181,27 +181,27 @@ class Ranking:
         self.refit_all(wider, self.maxima[parts].values, lambda: max(least, self._rival()))
 
     def _worth(self, bayes: float) -> float:
-        """Return how much more is worth the search: a share of what a catch-all gains beyond `bayes`.
+        """Return the least gain worth a search: a share of a catch-all's gain beyond `bayes`.
 
-        Where residuals are not noise, nearly anything gains much more than chance would allow.
+        If residuals are not noise, nearly any part gains much more than by chance.
         """
         most = max((cause.bayes for cause in self._all() if cause.absorbing), default=0.0)
         return MIN_SHARE_WORTH_COMBINING * max(most - bayes, 0.0)
 
     def _gained(self, part: str) -> float:
-        """Return how much more probable a part made what it was last added to."""
+        """Return the gain of a part in the last candidate to which it was added."""
         causes = self.causes_by_parts
         heights = {parts: cause.bayes for parts, cause in causes.items()} | {(): 0.0}
         last = (parts for parts in reversed(causes) if parts[-1] == part and parts[:-1] in heights)
         return next((heights[parts] - heights[parts[:-1]] for parts in last), 0.0)
 
     def _rival(self) -> float:
-        """Return the log evidence below which a candidate is of no interest beside the best one."""
+        """Return the log evidence below which a candidate cannot rival the best one."""
         trusted = (c.bayes for c in self._trusted())
         return max(trusted, default=-math.inf) - SURE_LOG_ODDS + self.given.log_z
 
     def _trusted(self) -> Iterator[Cause]:
-        """Yield those that are shown and may be recommended, the most probable first."""
+        """Yield the shown candidates that may be recommended, the most probable first."""
         return (cause for cause in self._shown() if not cause.doubts and cause.finished)
 
     def _all(self) -> list[Cause]:
@@ -209,27 +209,27 @@ class Ranking:
         return sorted(self.causes_by_parts.values(), key=lambda cause: -round(cause.bayes, 3))
 
     def _best(self) -> Cause | None:
-        """Return the most probable of those that are shown."""
+        """Return the most probable of the shown candidates."""
         return next(self._shown(), None)
 
     def _shown(self) -> Iterator[Cause]:
-        """Yield those that name causes alone, the most probable first.
+        """Yield the candidates that consist of causes, the most probable first.
 
-        What hides much has to leave noise only.
+        A candidate that masks many samples has to leave only noise.
         """
         named = (cause for cause in self._all() if not cause.absorbing)
         return (c for c in named if c.explains_all or self.maxima[c.parts].hidden <= MAX_HIDDEN)
 
     def _ranked(self) -> tuple[Cause, ...]:
-        """Return the recommended, then all others."""
+        """Return the recommended candidate, then all others."""
         every = self._all()
         first = recommended(every)
         return tuple(sorted(every, key=lambda cause: cause is not first))
 
-    # Constants of a config that are sought.
+    # Search for constants of a config.
 
     def _constants(self) -> Iterator[tuple[str, tuple[Sequence[float], float]]]:
-        """Yield parts with a constant, the values from which it is sought, and the finest step."""
+        """Yield parts with a constant, the values of the first search, and the finest step."""
         model, observations = self.job.problem.model, self.job.problem.observations
         shafts = {shaft.stiffness for shaft in model.roles.shafts}
         if model.geared and shafts & {*model.parameters}:
@@ -241,7 +241,7 @@ class Ranking:
         yield LATER, ([share * shortest for share in LATER_SHARES], step)
 
     def _seek(self, name: str, values: Sequence[float], finest: float) -> None:
-        """Refit the part `name` with the best of its constant, from `values` and between them."""
+        """Refit the part `name` with the best value of its constant, in or between `values`."""
         heights, wanted = dict[float, float](), [*values]
         for _ in range(SEEK_ROUNDS):
             futures = [(value, self._refit_with(name, value)) for value in wanted]
@@ -258,7 +258,7 @@ class Ranking:
 
     def _refit_with(self, name: str, value: float) -> Future[RefitMaximum | None] | None:
         try:
-            if name == GEAR:  # the same kernels do
+            if name == GEAR:  # a gear needs no new kernels
                 posterior = with_gear(self.job.problem.posterior, value)
             else:
                 (rung,) = self.models.with_numbers(**{name: value}).rungs([(name,)])
@@ -276,9 +276,9 @@ class Ranking:
         near: Mapping[str, float],
         rival: Callable[[], float] = lambda: -math.inf,
     ) -> None:
-        """Refit those that were not yet, from `near`, a few handed over at a time.
+        """Refit the new candidates from `near`, a few at a time.
 
-        One that cannot reach the log evidence of its `rival` is not finished.
+        A refit that cannot reach the log evidence of its `rival` is not finished.
         """
         under_way: list[tuple[CandidateModel, Job, Future[Any]]] = []
         known = {*map(frozenset, self.causes_by_parts)}
@@ -335,9 +335,9 @@ class Ranking:
         self.maxima[rung.names] = top
 
     def _redundant(self, top: RefitMaximum, rung: CandidateModel) -> Iterator[Doubt]:
-        """Yield parts of which each does nearly all that both do, and more than noise is left.
+        """Yield parts each of which gains nearly as much as both, if more than noise is left.
 
-        The evidence of a refit that was stopped is too small to tell what both do.
+        The evidence of a stopped refit is too small for the gain of both.
         """
         causes, both = self.causes_by_parts, float(top.log_z - self.given.log_z)
         known = top.finished and not like_noise(top.fit)
@@ -352,9 +352,9 @@ class Ranking:
                 yield Doubt("alike", tuple(change.words for change in pair))
 
     def _windows(self) -> tuple[tuple[FittedValue, ...], ...]:
-        """Refit the config as given on each window; nothing where one of them cannot be.
+        """Refit the given config on each window; return nothing if one refit fails.
 
-        Of each window the unknowns that it determines: where nothing moves that is none.
+        Each window has the unknowns that it determines; there are none if nothing moves.
         """
         try:
             jobs = [rung.job() for rung in self.models.windows(WINDOWS)]
@@ -375,9 +375,9 @@ class Ranking:
 
 
 def _finer(heights: Mapping[float, float], finest: float) -> list[float]:
-    """Return values between the best and its neighbours: halfway, and where a parabola is highest.
+    """Return values between the best and its neighbours: midpoints, and a parabola's maximum.
 
-    None where they are as near as the `finest`, or about as high.
+    The result is empty if neighbours are as near as the `finest` step, or about as high.
     """
     known = sorted(heights)
     k = known.index(max(heights, key=heights.__getitem__))
@@ -395,7 +395,7 @@ def _finer(heights: Mapping[float, float], finest: float) -> list[float]:
 
 
 def _doubts(top: RefitMaximum, known: set[str], rung: CandidateModel) -> Iterator[Doubt]:
-    """Yield why the evidence of a candidate cannot be trusted."""
+    """Yield reasons why the evidence of a candidate cannot be trusted."""
     widened = {name.removeprefix(WIDENED) for name in rung.names if name.startswith(WIDENED)}
     optional = {change.optional for change in rung.changes}
     for name, way in top.at_ends.items():

@@ -25,25 +25,25 @@ from bayesdrill.sampling.workers import ONE_THREAD, shut_down, start_workers
 ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:]+\]|[^/:\s\[\]]+):\d{1,5}")
 PATIENCE = 5.0  # seconds to wait for a scheduler, for a first worker and for an answer of a worker
 WATCH = 2.0  # seconds between two checks of a cluster
-SILENT_SECONDS = 20.0  # without a heartbeat, of two per second, after which a worker is given up
+SILENT_SECONDS = 20.0  # time without heartbeats (two per second) after which a worker is given up
 
 
 @contextmanager
 def local_executor(processes: int) -> Iterator[RefitExecutor]:
-    """Yield an executor with that many worker processes, which are ended if the block raises."""
+    """Yield an executor with `processes` workers, which are killed if the block raises."""
     pool = start_workers(processes, _nothing)
     try:
         yield RefitExecutor(pool)
     except BaseException:
         # Waiting for a refit may take minutes.  Results are short enough for a pipe to pass them
-        # whole, so none is cut off.
+        # whole, so killing a worker truncates none.
         shut_down(pool, 0.0)
         raise
     pool.shutdown()
 
 
 def _nothing() -> None:
-    """Prepare a worker, which needs nothing: each task has all data with it."""
+    """Prepare a worker: nothing is needed, as each task contains all data."""
 
 
 @contextmanager
@@ -56,7 +56,7 @@ def dask_executor(scheduler: str) -> Iterator[RefitExecutor]:
         message = f"the package distributed is missing; {way_out}"
         raise InputError.at("--scheduler", message) from None
     if not ADDRESS.fullmatch(scheduler):
-        message = f"'{scheduler}' is no address of a scheduler; write it like tcp://host:8786"
+        message = f"'{scheduler}' is not an address of a scheduler; write it like tcp://host:8786"
         raise InputError.at("--scheduler", message)
     with _quiet():
         _check_answers(scheduler)
@@ -73,7 +73,7 @@ def dask_executor(scheduler: str) -> Iterator[RefitExecutor]:
             yield cluster
         finally:
             cluster.pool.shutdown(wait=False)
-            with suppress(TimeoutError):  # the scheduler may have gone
+            with suppress(TimeoutError):  # the scheduler may have ended
                 client.close(timeout=PATIENCE)
 
 
@@ -95,14 +95,14 @@ def _check_answers(scheduler: str) -> None:
     try:
         asyncio.run(identity())
     except Exception as error:  # another server at this address may answer anything
-        text = str(error).partition("\n")[0] if isinstance(error, OSError) else "what does is none"
+        text = str(error).partition("\n")[0] if isinstance(error, OSError) else "another one does"
         reason = text or f"nothing in {PATIENCE:g} s"
         message = f"no scheduler answers at {scheduler} ({reason}); start one with `dask scheduler`"
         raise InputError.at("--scheduler", message) from None
 
 
 class RefitExecutor:
-    """An executor gives tasks to processes of this machine; it needs calls of `watch` at intervals."""
+    """An executor gives tasks to other processes; `watch` must be called at intervals."""
 
     def __init__(self, pool: Executor) -> None:
         self.pool = pool
@@ -114,7 +114,7 @@ class RefitExecutor:
         return self.pool.submit(function, *arguments, **named)
 
     def watch(self, say: Callable[[str], None]) -> str:
-        """Return why no more results will come; an empty text while they may."""
+        """Return why no more results will come, or an empty text."""
         return ""
 
 
@@ -126,12 +126,12 @@ class Cluster(RefitExecutor):
         self._client = client
         self._compared: set[str] = set()
         self._given_up: set[str] = set()
-        # By address: the scheduler's time of a worker's last heartbeat, and when we first saw that.
+        # By address: a worker's last heartbeat in the scheduler's time, and when it was first seen.
         self._heard: dict[str, tuple[float, float]] = {}
         self._last = self._looked = time.monotonic()
 
     def compare(self, workers: Collection[str]) -> None:
-        """Raise `InputError` if a worker has other software than this process.
+        """Raise `InputError` if the software of a worker differs from that of this process.
 
         This comes before any task, since a worker that cannot load a task ignores it silently.
         """
@@ -173,7 +173,7 @@ class Cluster(RefitExecutor):
                 client.scheduler.identity, n_workers=-1, callback_timeout=SILENT_SECONDS
             )
             self.compare(workers := versions["workers"])
-        except (OSError, AttributeError):  # AttributeError: the client has given it up
+        except (OSError, AttributeError):  # AttributeError: the client has given up
             return "the scheduler does not answer"
         for address in self._heard.keys() - workers.keys():
             del self._heard[address]
@@ -250,9 +250,8 @@ def run_jobs[K, T](
 ) -> None:
     """Compute `function` for each job, of its `packed` arguments and the further ones.
 
-    `finish` saves the result of a job in `folder` as soon as it is done, and returns a text about the
-    progress.  A job that is computed twice, because a worker was lost, is finished once.  Raises like
-    `results`.
+    `finish` saves the result of a finished job in `folder`, and returns a text about the progress.
+    A job that is computed twice, because a worker was lost, is saved once.  Raises like `results`.
     """
     versions = software.installed_versions()
     with held_signals():
@@ -262,7 +261,7 @@ def run_jobs[K, T](
     report.update(1.0, "")
 
 
-# A process computes one job at a time, as limits on threads are those of the whole process.
+# A process computes one job at a time, as limits on threads hold for the whole process.
 _ONE_AT_A_TIME = threading.Lock()
 
 

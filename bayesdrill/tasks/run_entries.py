@@ -29,8 +29,8 @@ from bayesdrill.results.run_folder import FolderEntries
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.proposal.learning import LearnedProposal
 
-# Version of `RunRecord`. The first repeated the numbers of the analysis; the second, whose analysis had
-# sentences where findings are now, is read without its analysis, which is evaluated again.
+# Version of `RunRecord`. Version 1 repeated the numbers of the analysis. The analysis of version 2
+# has sentences instead of findings, so it is not read but evaluated again.
 FORM, READ_TOO = 3, 2
 OLDER = (
     "was written by an older version of bayesdrill, and is not read any more. `bayesdrill posterior "
@@ -39,7 +39,7 @@ OLDER = (
 
 
 def _analysis_of_this_form(value: Any, read: Callable[[Any], RunAnalysis]) -> RunAnalysis | None:
-    """Return an analysis, or None if another version has written it, which evaluates it again."""
+    """Return an analysis; None, so that it is evaluated again, if another version wrote it."""
     try:
         return read(value)
     except ValueError:
@@ -118,7 +118,7 @@ def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
     )
     data = as_data(record)
     if record.importance is None:
-        del data["importance"]  # a report of an older chain leaves what the run has found
+        del data["importance"]  # a report of an older chain keeps the entry of the run
     return dict(data)
 
 
@@ -138,7 +138,7 @@ def read_record(run: Mapping[str, Any], folder: Path) -> RunRecord | None:
 
 
 def _weighted_means(view: ReportContext, learnt: LearnedProposal) -> dict[str, Any]:
-    """Return the posterior means of the weighted draws of the proposal, without a chain."""
+    """Return posterior means from weighted draws of the proposal, which need no chain."""
     posterior, draws = view.problem.posterior, learnt.draws
     theta, free = posterior.coordinates.to_physical(draws.u), posterior.space.free
     mean = draws.weights @ theta
@@ -160,7 +160,7 @@ class _RunSchema(GenerateJsonSchema):
         return {"anyOf": [{"type": "number"}, {"enum": ["Infinity", "-Infinity", "NaN"]}]}
 
     def dataclass_schema(self, schema: Any) -> dict[str, Any]:
-        """Return the schema of a record, which has no other fields than its own."""
+        """Return the schema of a record without additional fields."""
         record = super().dataclass_schema(schema)
         for name, described in field_descriptions(schema["cls"]).items():
             record["properties"][name] |= described

@@ -1,4 +1,4 @@
-"""Save what a command prints, with its figures, in a folder (`identify`, `design`)."""
+"""Save the printed text and the figures of a command in a folder (`identify`, `design`)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def save_text(
     """Save a text, the figures that `draw` makes, and `others` by the names of their files.
 
     Returns the folder.  Raises `InputError` if files of another kind, of the record, or without
-    `force` of the same kind would be replaced.  If it is interrupted, none of its files remain.
+    `force` of the same kind would be replaced.  An interrupted call leaves none of its files.
     """
     from bayesdrill.report import style  # late: matplotlib takes a second to load
 
@@ -59,12 +59,12 @@ def save_text(
 
 @contextmanager
 def _whole(place: Path, kind: Kind) -> Iterator[None]:
-    """Remove the files of a kind, and folders that are empty then, if the block fails."""
+    """If the block fails, remove the files of a kind, and folders that are then empty."""
     try:
         yield
     except BaseException:
         output_files.remove_outputs(place, kind)
         (place / kind.mark).unlink(missing_ok=True)
-        with suppress(OSError):  # it contains other files
+        with suppress(OSError):  # the folder contains other files
             place.rmdir()
         raise

@@ -1,7 +1,7 @@
 """Verify that config, record, chain, tables and figures of a folder belong together.
 
-Files must have the digests in `run.json`.  Chain, maximum and figures name their run, which must be
-that of the config and the record.
+Files must have the digests in `run.json`.  Chain, maximum and figures contain the mark of their
+run, which must follow from config and record.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from bayesdrill.tasks import comparison, conclusions, find_map, pipeline
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """A verification says which files of a folder belong together.
+    """A verification shows which files of a folder belong together.
 
-    `problems` has each file that does not belong to the run, with the reason; `checked` is the number
-    of files that do.  `what` names the other things that were compared.
+    `problems` has each file that does not belong to the run, with the reason.  `checked` is the
+    number of files that belong to it.  `what` names the other compared items.
     """
 
     folder: Path
@@ -66,7 +66,7 @@ def verify(folder: Path) -> Verified:
     files = run.get("files")
     if run.get("status") != "finished" or not isinstance(files, dict):
         message = "this run is not finished, or of an older version; "
-        raise InputError.at(str(folder), f"{message}`bayesdrill report` makes it anew")
+        raise InputError.at(str(folder), f"{message}`bayesdrill report` makes it again")
     problems = dict.fromkeys([*_changed(folder, kind, files), *problems_of(folder, run)])
     checked = len(files) - len({problem.place for problem in problems})
     return Verified(folder, checked, tuple(problems), what)
@@ -97,7 +97,7 @@ def _job_of_map(folder: Path) -> Job:
 def _of_several(
     form: Form, folder: Path, run: Mapping[str, Any], kind: Kind | None = None
 ) -> Iterator[Issue]:
-    """Yield the problems of an overlay or a comparison; runs that were in memory are skipped."""
+    """Yield the problems of an overlay or a comparison; runs in memory are skipped."""
     compared = comparison.read_record(run, folder).runs
     if len(compared) < 2:
         yield Issue(str(folder / output_files.RUN), "names no two runs")
@@ -117,15 +117,15 @@ def _of_several(
 
 
 def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
-    """Yield the problems of a ladder: of each rung, which is a run, and of their comparison."""
+    """Yield the problems of a ladder: those of each rung (a run), and of the comparison."""
     yield from _configs(folder)
     for entry in comparison.read_record(run, folder).runs:
         if entry.folder not in LADDER.nested:
-            yield Issue(str(folder / output_files.RUN), f"{entry.folder} is no rung of a ladder")
+            yield Issue(str(folder / output_files.RUN), f"{entry.folder} is not a rung of a ladder")
             continue
         try:
             yield from verify(folder / entry.folder).problems
-        except InputError as error:  # the rung is no finished run
+        except InputError as error:  # the rung is not a finished run
             yield from error.problems
     yield from _of_several(COMPARED, folder, run, LADDER)
 
@@ -154,7 +154,7 @@ def _changed(folder: Path, kind: Kind, files: Mapping[str, str]) -> Iterator[Iss
 
 
 def _way_back(kind: Kind, name: str) -> str:
-    """Return the command that restores a file; `bayesdrill report` cannot make what it reads."""
+    """Return the command that restores a file; `bayesdrill report` cannot remake its input."""
     if kind is not POSTERIOR:
         return f"`bayesdrill {kind.job} --force` makes it again"
     if output_files.REPORT_SOURCES.is_output(name) or name in output_files.CONFIGS:
@@ -163,7 +163,7 @@ def _way_back(kind: Kind, name: str) -> str:
 
 
 def _configs(folder: Path, job: Job | None = None) -> Iterator[Issue]:
-    """Yield a problem if the given config differs from the resolved one, from which `job` is made."""
+    """Yield a problem if the given config differs from the resolved config of `job`."""
     place = folder / output_files.CONFIG_FILE
     given, resolved = _settings(place), folder / output_files.RESOLVED_FILE
     made = _settings(resolved) if job is None else conclusions.settings(job.case)
@@ -172,7 +172,7 @@ def _configs(folder: Path, job: Job | None = None) -> Iterator[Issue]:
 
 
 def _settings(path: Path) -> dict[str, Any] | None:
-    """Return the settings of a config, or None if it cannot be read, which is reported elsewhere."""
+    """Return the settings of a config; None for an unreadable one, which is reported elsewhere."""
     try:
         return conclusions.settings(loading.load(path))
     except InputError:

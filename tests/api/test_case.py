@@ -73,8 +73,8 @@ DATES = np.datetime64("2026-01-01") + np.arange(len(T)) * np.timedelta64(20, "ms
         ({"rig": bd.MotorShaft}, "rig: give a name .* or a model, such as MotorShaft"),
         ({"rig": "motorshaft"}, "did you mean motor_shaft"),
         ({"rig": bd.MotorShaft(added=("v_d",))}, r"parameters\.v_d: the rig has it; give a prior"),
-        ({"model": {"i_m": 0.2}}, "model: arrays and `rig` say this already"),
-        ({"record": {"time": {"rate": 9.0}}}, "record.time: arrays and `rig` say this already"),
+        ({"model": {"i_m": 0.2}}, "model: arrays and `rig` give this already"),
+        ({"record": {"time": {"rate": 9.0}}}, "record.time: arrays and `rig` give this already"),
         ({"record": "drop"}, "record: give entries, such as a window"),
         ({"record": {"mising": "drop"}}, "mising: unknown key; did you mean missing"),
         ({"record": {"window": [1.0, 0.5]}}, "1 s is not before 0.5 s"),
@@ -121,7 +121,7 @@ def test_a_case_of_a_config_does_what_the_commands_do(tmp_path: Path) -> None:
         case.run(out)
     with pytest.raises(bd.InputError, match="exclude each other"):
         case.run(out, resume=True, force=True)
-    with pytest.raises(bd.InputError, match="arrays are in no file"):
+    with pytest.raises(bd.InputError, match="no file contains these arrays"):
         two().run(tmp_path / "arrays")
     assert case.place() == Path("results/small")
 

@@ -28,11 +28,12 @@ select set show shut simulate solve split stack start step store strip study sub
 tell test thin trace transform transpose treat try turn typeset unwrap update use validate verify wait
 write yield approximate block declare derive edit expand interpret let maximise predict stop
 summarise work
+decorate escape examine exchange fork provide remake represent watch
 / allow allows are asks become becomes begin begins belong belongs can cannot collect collects come
 comes contain contains could depend depends describe did differ differs does excludes follow follows
 gives goes had has have hold holds includes is keeps knows lies limit makes may might must need passes
 remain remains represents requires says should stand stands stay stays takes tells was were will would
-applies advances computes explains helps multiplies needs responds shows
+applies advances computes consists designs explains helps multiplies needs refuses responds shows
 / a all any at by each how it its no on once one only over that the to what when which
 / as how if that what when where whether which who whose why
 """

@@ -242,7 +242,7 @@ def test_a_bad_rig_is_named_with_its_package_and_takes_no_other_with_it(tmp_path
     assert {*errors} == {*MESSAGES}
     assert not {*MESSAGES} & {*usable}
     for name, message in MESSAGES.items():
-        start = f"{name} is brought by broken, and cannot be used from {places[name]} ("
+        start = f"{name} comes from broken, and cannot be used from {places[name]} ("
         assert errors[name].startswith(start)
         assert message in errors[name]
 
@@ -298,7 +298,7 @@ def test_whatever_a_package_raises_as_it_is_loaded_names_it() -> None:
     assert {*optimisers} >= bad
     assert not {*optimisers.usable()} & bad
     for name, (_, error) in IMPORTS.items():
-        with pytest.raises(ValueError, match=f"^{name} is brought by hostile, .*{error}"):
+        with pytest.raises(ValueError, match=f"^{name} comes from hostile, .*{error}"):
             optimisers[name]
 
 
@@ -332,7 +332,7 @@ def test_whatever_a_package_raises_as_it_works_names_it(
         task()
     assert ended.value.exit_code == 2
     message = capsys.readouterr().err
-    assert "is brought by hostile, and failed in" in message
+    assert "comes from hostile, and failed in" in message
     assert f"hostile.py:11 ({error}); repair or remove that package" in message
 
 

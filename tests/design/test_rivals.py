@@ -66,5 +66,5 @@ def test_a_rival_needs_the_same_channels_and_no_targets(tmp_path: Path) -> None:
     with pytest.raises(bd.InputError, match="the channels w_1 are not those of the config"):
         two().design(tell=fewer, draws=1)
     command = ("design", config, "--tell", config)
-    assert_refused(cli(*command, "--learn", "k_e"), "give one of both")
+    assert_refused(cli(*command, "--learn", "k_e"), "give only one")
     assert_refused(cli(*command, "--draws", "1"), "nothing distinguishes the two")

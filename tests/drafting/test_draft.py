@@ -247,7 +247,7 @@ def test_check_draws_the_record_of_each_experiment(tmp_path: Path) -> None:
         assert (tmp_path / f"seen_{k}.png").read_bytes().startswith(b"\x89PNG")
         assert f"seen_{k}.png" in done.out
     case = bd.load(tmp_path / "r.yaml")
-    with pytest.raises(bd.InputError, match=r"--figure-record: 'seen\.gif' is none of \.pdf"):
+    with pytest.raises(bd.InputError, match=r"--figure-record: 'seen\.gif' is not one of \.pdf"):
         case.draw_record(tmp_path / "seen.gif")
 
 

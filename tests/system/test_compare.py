@@ -76,7 +76,7 @@ def test_a_wrong_model_is_found_and_no_noise_makes_up_for_it(runs: Path) -> None
 @pytest.mark.slow
 def test_a_run_that_has_seen_what_another_holds_out_is_of_another_record(runs: Path) -> None:
     result = cli("compare", runs / "given", runs / "whole", "-o", runs / "out")
-    message = "this run is of another record, and odds compare models of one record"
+    message = "this run has another record, but odds compare models of one record"
     assert_refused(result, f"{runs / 'whole'}: {message}")
     assert_refused(result, "with `bayesdrill report`. The record is 101 samples")
     assert_refused(result, ", some samples held out in ")

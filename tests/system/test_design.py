@@ -87,7 +87,7 @@ def test_an_interrupted_save_leaves_no_half_folder(
         ),
         ("--learn k_x", "'k_x' is not a known name; did you mean"),
         ("--learn k_s", "k_s depends on no unknown of the rig"),
-        ("--family sweep", "sweep is none of free, step"),
+        ("--family sweep", "sweep is not one of free, step"),
         ("--input w", "w is no input of the rig"),
         ("--high 12 --limit w_2=5:", "no waveform from 0 to 12 keeps all limits"),
     ],

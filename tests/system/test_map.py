@@ -209,7 +209,7 @@ def test_apply_writes_a_new_config_and_never_over_another_file(tmp_path: Path) -
     other, new = tmp_path / "there.yaml", tmp_path / "new.yaml"
     other.write_text("mine: 1\n")
     for target, message in (
-        (config, "is the config that is mapped"),
+        (config, "is the given config"),
         (tmp_path / "small.csv", "a config is a .yaml file"),
         (other, "exists already"),
         (tmp_path / "no" / "new.yaml", "this folder does not exist"),

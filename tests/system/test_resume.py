@@ -63,11 +63,11 @@ class Stopping:
 
 
 STOPS = (
-    ("searching", "nothing was found yet, and {} holds the config alone"),
+    ("searching", "nothing was found yet, and {} only has the config"),
     ("learning", "the maximum is saved in {}, and nothing was sampled yet"),
     ("the walkers", "the maximum is saved in {}, and nothing was sampled yet"),
-    (" steps to the next look", "what was sampled is saved in {}"),
-    ("the draws", "what was sampled is saved in {}"),
+    (" steps to the next look", "all samples so far are saved in {}"),
+    ("the draws", "all samples so far are saved in {}"),
 )
 
 

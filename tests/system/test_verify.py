@@ -387,7 +387,7 @@ def test_runs_in_a_read_only_folder_are_verified_compared_and_reported_elsewhere
 def test_a_run_is_reported_elsewhere_in_a_folder_of_its_own(rig: Path) -> None:
     out, before = rig / "out", command_line.listing(rig)
     for arguments, message in (
-        ([out, "-o", out, "--force"], "holds this very run"),
+        ([out, "-o", out, "--force"], "is the folder of this run"),
         ([out, "-o", rig, "--force"], "this folder holds other files"),
         ([out, "-o", rig / "other"], "results exist already"),
         ([out, "--force"], "--force: needs --output"),

@@ -69,7 +69,7 @@ def test_an_address_without_a_scheduler_is_refused(stranger: str) -> None:
     [
         ("tls://127.0.0.1:8786", "no certificates"),
         ("wss://127.0.0.1:8786", "no certificates"),
-        ("nonsense://x:y", "'nonsense://x:y' is no address of a scheduler"),
+        ("nonsense://x:y", "'nonsense://x:y' is not an address of a scheduler"),
         ("tcp://127.0.0.1:1", "no scheduler answers at tcp://127.0.0.1:1"),
         ("tcp://no.such.host:8786", "no scheduler answers at tcp://no.such.host:8786"),
     ],

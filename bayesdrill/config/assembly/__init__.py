@@ -1,4 +1,4 @@
 """Make the `Problem` of a resolved case and its records.
 
-What needs an entry and the record it speaks of is decided here: free starts, lags, and the noise.
+Free starts, lags and the noise need both the config and the record, so they are decided here.
 """

@@ -31,8 +31,8 @@ def without_sensors(
     return dataclasses.replace(experiment, y=frozen(y))
 
 
-LAG_TAIL = 1e-6  # prior probability that a lag is longer than the samples that are left out
-LAG_TAIL_BEYOND_RECORD = 0.025  # prior probability, at either end, of a lag beyond the record
+LAG_TAIL = 1e-6  # prior probability that a lag is longer than the omitted samples
+LAG_TAIL_BEYOND_RECORD = 0.025  # prior probability, in each tail, of a lag beyond the record
 
 
 def start_beyond_lags(
@@ -43,8 +43,8 @@ def start_beyond_lags(
 ) -> Experiment:
     """Return the experiment without the samples that lags leave undetermined.
 
-    If the rig moves at the start, the first samples show motion before it. If the record shows an input
-    late, the last samples depend on the input after its end.
+    If the rig moves at the start, a late sensor shows earlier motion in the first samples. If the
+    record shows an input too late, the last samples depend on the input after the record.
     """
     y, notes = np.array(experiment.y), list(experiment.told)
     late = sensing.shifts or bool(sensing.input_lags)
@@ -76,7 +76,7 @@ def start_beyond_lags(
 
 
 def check_lag(lag: ParsedNumber, experiment: Experiment) -> None:
-    """Raise `ValueError` for a lag, or a delay, for which the record is too short."""
+    """Raise `ValueError` if the record is too short for a lag or a delay."""
     duration = float(experiment.t[-1] - experiment.t_start)
     low, high = ends_of(lag.value, LAG_TAIL_BEYOND_RECORD)
     if not max(abs(low), abs(high)) < duration:

@@ -28,7 +28,7 @@ from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.contract import Simulator
 
 MAX_SHOWN_TIME = 1e4  # in the record's unit of time; longer times are shown in seconds
-SEARCH_STEPS = 4  # steps per sample during the MAP search; they are chosen anew at the maximum
+SEARCH_STEPS = 4  # steps per sample during the MAP search, until steps are chosen at the maximum
 
 
 def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
@@ -84,7 +84,7 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
 
 
 def _display_units(case: ResolvedCase) -> DisplayUnits:
-    """Return the display units of numbers; noise and offsets are shown in the unit of their column."""
+    """Return the display units of numbers; noise and offsets have the unit of their column."""
     config, shown_units = case.config, dict[str, Unit]()
     for resolved in case.experiments:
         if resolved.label in case.held_out:
@@ -120,7 +120,7 @@ def _sensors_and_observation(
 def build_simulator(
     resolved: ResolvedExperiment, experiment: Experiment
 ) -> tuple[Simulator, list[ParsedNumber]]:
-    """Return the simulator of one experiment, and the numbers of its sensors and its start."""
+    """Return the simulator of one experiment, and the numbers of its sensors and initial state."""
     model, sensing, free = resolved.model, resolved.sensing, resolved.free_states
     errors = IssueCollector(resolved.source, frozenset())
     late = {e: n for e, n in resolved.sensor_numbers.items() if e.kind in ("lag", "delay")}
@@ -149,7 +149,7 @@ def build_simulator(
 def _check_hidden(
     errors: IssueCollector, experiment: Experiment, delays: Sequence[Location]
 ) -> None:
-    """Add an issue for each channel of which the lags leave fewer than two samples."""
+    """Add an issue for each channel that keeps fewer than two samples because of the lags."""
     hidden: dict[Location, list[str]] = {}
     for name, count in zip(experiment.names, experiment.counts, strict=True):
         if count < 2:

@@ -1,4 +1,4 @@
-"""Take the start of a rig from its record: priors of free states, and whether it begins in motion."""
+"""Take the initial state from the record: priors of free states, and whether the rig moves."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Model
 
-FREE_START_WIDTH = 2.0  # prior sd of a free state, over the span of channels of its kind
+FREE_START_WIDTH = 2.0  # ratio of a free state's prior sd to the span of channels of its kind
 SPEED_QUANTILE = 0.99  # quantile of an angle's difference quotients that counts as its speed
 
 
 def free_start(name: str, experiment: Experiment, model: Model, values: Named) -> ParsedNumber:
     """Return a normal prior of a state around the first samples, as wide as the channels' span.
 
-    If no channel measures the state, the width is how far the inputs would drive it at the parameters
-    `values`. Raises `ValueError` if neither gives a width.
+    If no channel measures the state, the width is its equilibrium under the inputs at the
+    parameters `values`. Raises `ValueError` if neither gives a width.
     """
     symbol = model.symbols[name]
     middle, width = _measured_start(symbol, experiment)
@@ -96,13 +96,13 @@ def _driven_width(name: str, experiment: Experiment, model: Model, values: Named
     return push / decay if decay > 0 else 0.0
 
 
-N_FIRST_SAMPLES = 5  # they show whether a record begins in motion
+N_FIRST_SAMPLES = 5  # number of samples that decide whether a record begins in motion
 MIN_MOTION_OVER_NOISE = 12.0  # initial motion over its standard error
 MIN_MOTION_SHARE = 0.2  # initial motion over the range of the channel
 
 
 def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
-    """Raise `ValueError` if a channel begins in motion, given its noise sds `sigmas (K,)`."""
+    """Raise `ValueError` if a channel begins in motion; `sigmas (K,)` are the noise sds."""
     channels = zip(experiment.channels, experiment.y.T, sigmas, strict=True)
     for channel, y, sigma in channels:
         measured = ~np.isnan(y)

@@ -1,4 +1,4 @@
-"""Build objects of the entries of a config, one module for each section.
+"""Build objects from the entries of a config, one module for each section.
 
-No file is read here. Contradictions are found while objects are built, and reported at their entries.
+No file is read here. Contradictions are found while building, and reported at their entries.
 """

@@ -28,9 +28,9 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalNumbers:
-    """The local numbers of an experiment are those of sensors, start, noise and torque, by name."""
+    """The local numbers of an experiment belong to its sensors, start, noise and torque."""
 
-    # None stands for a prior that the record gives, and for a number with a mistake.
+    # None stands for a prior from the record, and for a number with a mistake.
     numbers: Mapping[str, float | Prior | Unknown | None]
     channels: tuple[str, ...]
 
@@ -47,9 +47,9 @@ def local_numbers(
     free: Sequence[str],
     torque: Mapping[str, float | Unknown | None],
 ) -> LocalNumbers:
-    """Return the numbers that the experiment has beside those of the rig.
+    """Return the numbers of the experiment that are not parameters of the rig.
 
-    A channel with a mistake, which is reported elsewhere, has only the unknowns that its entry names.
+    A channel with a mistake has only the unknowns that its entry names.
     """
     numbers_: dict[str, float | Prior | Unknown | None]
     numbers_ = {e.symbol.name: None if x is None else x.value for e, x in sensor_numbers.items()}
@@ -70,23 +70,23 @@ class ResolvedExperiment:
     """A resolved experiment has a `label`, which is empty if it is the only one."""
 
     label: str
-    config: Config  # its own, as if it were the only one
-    source: Source  # its entries, and the path from which relative paths start
+    config: Config  # as if this experiment were the only one
+    source: Source  # the experiment's entries, and the path to which its relative paths refer
     model: Model
     nominal: NominalValues
     rig_numbers: RigNumbers
-    channels: tuple[NoisyChannel, ...]  # those that are evidence
-    sensor_numbers: Mapping[SensorEntry, ParsedNumber]  # those of the start too
+    channels: tuple[NoisyChannel, ...]  # channels that enter the likelihood
+    sensor_numbers: Mapping[SensorEntry, ParsedNumber]  # includes the numbers of the start
     sensing: ObservationModel
     constant_inputs: Mapping[str, float]  # in SI
     initial_state: Mapping[str, float]  # the fixed states at the start, in SI
     free_states: tuple[str, ...]  # their initial values have priors from the record
-    torque: Mapping[str, float | Unknown]  # size and time of a missing torque
+    torque: Mapping[str, float | Unknown]  # size and correlation time of a missing torque
     local_numbers: LocalNumbers
 
     @property
     def validated(self) -> tuple[Any, Config]:
-        """Return the plain data of its entries, and the config that was made of them."""
+        """Return the plain data of the entries, and the config that was validated from them."""
         return self.source.data, self.config
 
 
@@ -94,7 +94,7 @@ class ResolvedExperiment:
 class ResolvedCase:
     """A resolved case is a valid config, with its rig and all its experiments."""
 
-    config: Config  # that of the first experiment, with the names of all
+    config: Config  # the config of the first experiment, with the names of all experiments
     source: Source  # the whole file
     experiments: tuple[ResolvedExperiment, ...]
 
@@ -105,9 +105,10 @@ class ResolvedCase:
 
     @property
     def joint_names(self) -> dict[str, dict[str, str]]:
-        """Return, by label, the joint name of each parameter of an experiment.
+        """Return the joint name of each parameter of each experiment, by label.
 
-        A parameter has the label if it is `own`, held by this experiment, or follows from such ones.
+        The name has the label if the parameter is `own`, held by this experiment, or follows from
+        these.
         """
         names = {}
         for each in self.experiments:
@@ -121,7 +122,7 @@ class ResolvedCase:
     def space(
         self, sensors: Sequence[ParsedNumber] = (), noise: Sequence[Unknown] = ()
     ) -> ParameterSpace:
-        """Return the unknowns: parameters, quantities, numbers of `sensors` and starts, then `noise`.
+        """Return the unknowns: parameters, quantities, `sensors` (with starts), then `noise`.
 
         Raises `RelationError`.
         """
@@ -131,7 +132,7 @@ class ResolvedCase:
 
     @property
     def held_out(self) -> list[str]:
-        """Return the names of experiments that are no evidence."""
+        """Return the names of experiments that do not enter the likelihood."""
         return [label for label, spec in self.config.experiments.items() if spec.held_out]
 
     def experiment(self, label: str) -> ResolvedExperiment:

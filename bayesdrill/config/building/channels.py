@@ -1,4 +1,4 @@
-"""Build the channels of a record: what each measures, and its noise."""
+"""Build the channels of a record, each with the measured signals and the noise."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from bayesdrill.rig.simulators.sensors import signal_names, state_weights
 def check_channels(
     errors: IssueCollector, config: Config, model: Model
 ) -> dict[str, NoisyChannel | None]:
-    """Return channels that are evidence and not derived from others; None for each with a mistake."""
+    """Return the channels that are not derived from others; None for each with a mistake."""
     measured, channels = dict[str, NoisyChannel | None](), config.record.channels
     for name, spec in channels.items():
         location: Location = ("record", "channels", name)
@@ -69,7 +69,7 @@ def _check_measured(
 
 
 def build_channel(name: str, spec: ChannelSpec, model: Model) -> Channel:
-    """Return a channel: which signals of the rig it measures, and the unit of its column."""
+    """Return a channel with the signals of the rig that it measures, and the unit of its column."""
     signals, words = signal_names(model), vocabulary_of(model)
     if not name.isidentifier():
         raise ValueError(f"'{name}' cannot name a channel; use letters, digits and `_`")
@@ -103,7 +103,7 @@ def build_channel(name: str, spec: ChannelSpec, model: Model) -> Channel:
 
 
 def noisy_channel(channel: Channel, spec: ChannelSpec) -> NoisyChannel:
-    """Return a channel with its noise, in SI, and where the search for sigma begins."""
+    """Return a channel with its noise and the start of the search for sigma, in SI."""
     factor = channel.factor
     sigma, begin = number_in_si(spec.sigma, factor, "sigma", "the unit of the column")
     return NoisyChannel(

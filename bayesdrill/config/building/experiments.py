@@ -1,4 +1,4 @@
-"""Build several experiments of one config: each as its own config, and what they share."""
+"""Build the experiments of one config: each as a config of its own, and what they share."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from bayesdrill.config.yaml_source import IssueCollector, Location, Source
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.rig.models.linear import Model
 
-SECTIONS = ("record", "inputs", "initial")  # those that an experiment may have for itself
+SECTIONS = ("record", "inputs", "initial")  # sections that an experiment may replace
 PARAMETERS = "parameters"  # an experiment may fix some of them
 EXPERIMENTS = "experiments"
-SHARING_KEYS = ("shared", "own")  # unknowns that experiments have in common, or each for itself
+SHARING_KEYS = ("shared", "own")  # unknowns that are common to experiments, or different in each
 
 
 def split_experiments(source: Source) -> dict[str, Source]:
-    """Return, by name, the source of each experiment as if it were alone."""
+    """Return the source of each experiment, by name, as if it were the only one."""
     named = source.data.get(EXPERIMENTS)
     if not isinstance(named, Mapping):
         return {}
@@ -38,7 +38,7 @@ def split_experiments(source: Source) -> dict[str, Source]:
 
 
 def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str, Any]:
-    """Return the joint config: the first experiment at its top, local entries below each name."""
+    """Return the joint config: entries of the first experiment, then local ones by experiment."""
     named = source.data[EXPERIMENTS]
     named = dict(named) if isinstance(named, Mapping) else named
     first = next(iter(sources.values()), source)
@@ -84,18 +84,18 @@ def merged_entries(common: Any, local: Any) -> Any:
 
 
 def _entry_kind(entry: Mapping[str, Any]) -> str:
-    """Return the key that tells which kind of entry this is; empty if there is none."""
+    """Return the key that gives the kind of an entry; empty if the entry has no such key."""
     return next((key for key in ("prior", "value", "rate") if key in entry), "")
 
 
-# The key is an experiment's name, which is empty if there is only one.
+# The key is an experiment's name, which is empty for a single experiment.
 NumbersByLabel = Mapping[str, LocalNumbers]
 
 
 def check_experiments(
     config: Config, source: Source, resolved: Mapping[str, ResolvedExperiment]
 ) -> list[Issue]:
-    """Return the issues between experiments that are each valid."""
+    """Return the contradictions between experiments that are valid by themselves."""
     errors = IssueCollector(source, frozenset())
     for label in config.experiments:
         if not label.isidentifier():
@@ -132,7 +132,7 @@ def unknown_names(config: Config, model: Model, local: LocalNumbers) -> list[str
 def _check_held(
     errors: IssueCollector, config: Config, resolved: Mapping[str, ResolvedExperiment]
 ) -> None:
-    """Check that an experiment fixes only numbers and formulas, for parameters that all rigs have."""
+    """Check that an experiment fixes parameters of all rigs only, by numbers or formulas."""
     for label, experiment in resolved.items():
         for name in config.experiments[label].parameters:
             free = isinstance(experiment.config.parameters.get(name), numbers.ParameterPrior)
@@ -171,7 +171,7 @@ def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel
 
 
 def _truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
-    """Return the names of unknowns, beside those of the rig, that `simulation.truth` may contain."""
+    """Return the names of unknowns other than parameters that `simulation.truth` may contain."""
     pairs = [(label, name) for label in by_label for name in config.own]
     if config.missing_torque is not None:
         pairs += [(label, name) for label in by_label for name in TORQUE_ENTRIES]
@@ -227,7 +227,7 @@ def _check_shared(
 
 
 def _check_held_out(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
-    """Check that fitted experiments determine the unknowns of those that are held out."""
+    """Check that the unknowns of held-out experiments belong to fitted experiments too."""
     held_out = [label for label, experiment in config.experiments.items() if experiment.held_out]
     if held_out and len(held_out) == len(by_label):
         message = "all are held out; leave one to be fitted"

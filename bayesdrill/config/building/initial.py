@@ -11,7 +11,7 @@ from bayesdrill.rig.models.linear import Model
 
 
 def check_initial(errors: IssueCollector, config: Config, model: Model) -> dict[str, float]:
-    """Return the fixed initial states, in SI; with a steady start only those that are named."""
+    """Return the fixed initial states in SI; for a steady start, only the named ones."""
     initial, states = config.initial, {}
     for name in model.outer:
         value, unit = initial.get(name), model.symbols[name].unit
@@ -36,7 +36,7 @@ def symbol_of_state(model: Model, name: str) -> Symbol:
 
 
 def free_states(config: Config, model: Model) -> tuple[str, ...]:
-    """Return the states whose initial values have priors from the record; imposed angles have none."""
+    """Return the states whose initial values have priors from the record; no imposed angles."""
     initial, angles = config.initial, config.vocabulary.imposed.values()
     imposed = [angle for angle in angles if config.inputs.get(angle) is not None]
     silent = {*model.outer} - initial.model_fields_set if initial.state == "free" else set()
@@ -45,7 +45,7 @@ def free_states(config: Config, model: Model) -> tuple[str, ...]:
 
 
 def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
-    """Check a steady start: inputs determine it, but for a single angle that may be named."""
+    """Check a steady start: the inputs determine all states but one angle, which may be named."""
     if not model.smooth:
         how = (
             "has friction turns steadily, or sticks" if model.frictions else "swings comes to rest"

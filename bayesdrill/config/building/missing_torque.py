@@ -1,4 +1,4 @@
-"""Build the missing torque: where it acts, its size and its time."""
+"""Build the missing torque: where it acts, its size and its correlation time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TORQUE_ENTRIES: Mapping[str, str] = {SIZE: "size", TIME: "time"}
 def check_torque(
     errors: IssueCollector, config: Config, model: Model, sensing: ObservationModel | None
 ) -> dict[str, float | Unknown | None]:
-    """Return size and time of the missing torque; the inertia on which it acts must exist."""
+    """Return size and correlation time of the missing torque; the inertia must be in the rig."""
     acts = latent_torque(config)
     if acts is None:
         return {}
@@ -39,7 +39,7 @@ def latent_torque(config: Config) -> MissingTorque | None:
 
 
 def latent_torque_number(config: Config, name: str) -> float | Unknown:
-    """Return size or time, by its `name`, of the missing torque; a linear rig misses a force."""
+    """Return the size or time called `name`; a rig in translation has a missing force."""
     rotary = all(symbol.unit != "m" for symbol in config.vocabulary.states.values())
     noun, unit = ("torque", "N*m") if rotary else ("force", "N")
     about = f"size of the missing {noun}: its standard deviation"

@@ -1,4 +1,4 @@
-"""Build the nominal values: those of a table, and those that the config gives."""
+"""Build the nominal values from a table and from the entries of the config."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from bayesdrill.rig.models.linear import Model, gear_factor
 class NominalValues:
     """Nominal values come from a table, unless the config gives them.
 
-    The verdict compares parameters with `compared`, the values of this rig. If the config does not
-    name the table, its values may be those of another rig. They are then left out unless the config
-    uses them, or uses some and gives none of its own.
+    The verdict compares parameters with `compared`, the values of this rig. A table that the config
+    does not name may describe another rig. Its values are compared only if the config uses them, or
+    if it uses some and gives no values of its own.
     """
 
     values: Mapping[str, float]
     compared: Mapping[str, float]
-    published: tuple[str, ...]  # names of compared parameters with the value of a table
+    published: tuple[str, ...]  # compared parameters whose value comes from a table
     tolerance: Mapping[str, float]  # relative tolerances of all parameters
-    name: str  # the phrase by which sentences name these values
+    name: str  # a noun phrase for these values in sentences
 
 
 def check_nominal(errors: IssueCollector, config: Config, model: Model) -> dict[str, float]:
-    """Return the nominal values in the config, in SI and at their own sides of the gear."""
+    """Return the config's nominal values in SI, each converted to its parameter's gear side."""
     values = {
         name: errors.run(("nominal", name), nominal_value, config, model, name)
         for name in config.vocabulary.parameters
@@ -42,7 +42,7 @@ def check_nominal(errors: IssueCollector, config: Config, model: Model) -> dict[
 
 
 def nominal_value(config: Config, model: Model, name: str) -> float:
-    """Return the config's nominal value of a parameter, in SI and at its own side of the gear."""
+    """Return the config's nominal value in SI, converted to the parameter's side of the gear."""
     entry, symbol = config.nominal.get(name), model.symbols[name]
     if not isinstance(entry, numbers.NominalValue):
         return float(entry)
@@ -69,7 +69,7 @@ def nominal_table(config: Config, config_values: Mapping[str, float]) -> Nominal
     if given.table is None and (config_values or not used):
         compared = {n: x for n, x in values.items() if n in config_values or n in used}
     published = tuple(name for name in compared if name not in config_values)
-    tolerance = given.tolerance  # one number, or by symbol and `default`
+    tolerance = given.tolerance  # one number, or numbers by symbol and `default`
     if isinstance(tolerance, float):
         tolerances = dict.fromkeys(known, tolerance)
     else:

@@ -1,4 +1,4 @@
-"""Build the rig with the optional physics that is named, and its parameters."""
+"""Build the rig, with the optional physics that the config names, and its parameters."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from bayesdrill.rig.models.linear import (
 
 
 def build_model(config: Config, extra_names: Collection[str] = ()) -> Model:
-    """Return the rig of a config, with the optional physics in its parameters or `extra_names`."""
+    """Return the rig of a config; its parameters and `extra_names` select optional physics."""
     rig = build_member(lookup(MODELS, config.model.name, "model"), config.model)
     names = config.vocabulary.parameters
     named = {name for name in names if config.parameters.get(name) is not None}
@@ -51,7 +51,7 @@ def build_model(config: Config, extra_names: Collection[str] = ()) -> Model:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigNumbers:
-    """The rig's numbers are parameters, or the expressions they follow from, quantities and formulas."""
+    """The rig's numbers are parameters (or their expressions), quantities and formulas."""
 
     parameters: Mapping[str, ParsedNumber | Expression]
     quantities: Mapping[str, ParsedNumber]
@@ -60,7 +60,7 @@ class RigNumbers:
 
     @property
     def related(self) -> Mapping[str, Expression]:
-        """Return the expressions of related parameters in terms of others; raises `RelationError`."""
+        """Return the expressions of parameters that follow from others; raises `RelationError`."""
         related = {n: x for n, x in self.parameters.items() if isinstance(x, Expression)}
         return resolve_relations(related)
 
@@ -74,7 +74,7 @@ def joint_space(
     sensors: Sequence[ParsedNumber] = (),
     noise: Sequence[Unknown] = (),
 ) -> ParameterSpace:
-    """Return the joint space of `experiments`: for each its label, numbers and names among all."""
+    """Return the joint space of `experiments`, given as labels, numbers and joint names."""
     unknowns: list[Unknown] = []
     fixed: dict[str, float] = {}
     relations: dict[str, Expression] = {}
@@ -116,7 +116,7 @@ def joint_space(
     )
 
 
-TRIED_DRAWS = 4096  # draws from the priors at which formulas are evaluated
+TRIED_DRAWS = 4096  # number of prior draws at which formulas are evaluated
 
 
 def check_rig(
@@ -144,7 +144,7 @@ def check_rig(
 def parse_parameter(
     config: Config, model: Model, table: NominalValues, name: str
 ) -> ParsedNumber | Expression:
-    """Return the number of a parameter of the rig, or the expression from which it follows."""
+    """Return the number of a parameter, or the expression from which the parameter follows."""
     if (related := parse_relation(config, model, name)) is not None:
         return related
     spec, symbol, value = config.parameters.get(name), model.symbols[name], table.values.get(name)
@@ -157,7 +157,7 @@ def parse_parameter(
     if spec.relative and value is None:
         way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
         raise ValueError(f"{no_table}, to be relative to; give {way_out}")
-    keeps_sign = symbol.unit != "rad" and spec.numbers.get("mean", 0.0) > 0.0  # as friction does
+    keeps_sign = symbol.unit != "rad" and spec.numbers.get("mean", 0.0) > 0.0  # e.g. friction
     families = PRIORS if keeps_sign and spec.family == "normal" else spec.families
     built, upper_limit = build_prior(spec, value, families), symbol.at_most
     if built.high > upper_limit:
@@ -193,14 +193,14 @@ def parse_relation(config: Config, model: Model, name: str) -> Expression | None
 
 
 def _removal_hint(name: str) -> str:
-    """Return the advice for a parameter that the rig lacks: remove it, or take a rig that has it."""
+    """Advise what to do about a parameter that the rig lacks: remove it or take another rig."""
     rigs = {n: with_all(kind()) for n, kind in MODELS.usable().items()}
     having = [n for n, rig in rigs.items() if name in rig.parameters]
     return f"remove it, or take model.name: {' or '.join(having)}" if having else "remove it"
 
 
 def _check_added(errors: IssueCollector, config: Config, model: Model) -> None:
-    """Check that optional parts of the rig are complete, and that no entry names parts it lacks."""
+    """Check that optional parts of the rig are complete, and that no entry names a missing part."""
     reported: set[str] = set()
     for name, missing in missing_requirements(model).items():
         if name not in reported:
@@ -243,7 +243,7 @@ def _check_relations(
     if wrong or not {*model.parameters} <= {*parsed_parameters}:
         return None
     parameters = {n: x for n in model.parameters if (x := parsed_parameters[n]) is not None}
-    if len(parameters) < len(model.parameters):  # a mistake that was reported already
+    if len(parameters) < len(model.parameters):  # this mistake was reported before
         return None
     rig = RigNumbers(
         parameters=parameters,
@@ -265,7 +265,7 @@ def _check_relations(
 
 
 def check_used(errors: IssueCollector, config: Config, each: Iterable[RigNumbers]) -> set[str]:
-    """Check that a formula uses each quantity; return the names in formulas of parameters."""
+    """Check that some formula uses each quantity; return the names in formulas of parameters."""
     every = [*each]
     used = {name for rig in every for x in rig.related.values() for name in x.names}
     others = {name for rig in every for formula in rig.derived for name in formula.expression.names}
@@ -278,7 +278,7 @@ def check_used(errors: IssueCollector, config: Config, each: Iterable[RigNumbers
 def _check_values(
     errors: IssueCollector, config: Config, space: ParameterSpace, related: Mapping[str, Expression]
 ) -> Named:
-    """Check the ranges of computed parameters wherever the priors lead; return all values."""
+    """Check the ranges of computed parameters at draws from the priors; return all values."""
     theta = space.draw(TRIED_DRAWS, np.random.default_rng(0)) if space.free else np.ones((1, 0))
     named = space.named(theta)
     for name, relation in related.items():

@@ -18,7 +18,7 @@ from bayesdrill.inference.unknowns import Role, labelled_symbol
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParsedNumber:
-    """A parsed number is fixed, or unknown with a `start`, in SI; one `unit` has `factor` SI units."""
+    """A number in SI is fixed, or unknown with a `start`; one `unit` has `factor` SI units."""
 
     symbol: Symbol
     role: Role
@@ -37,7 +37,7 @@ class ParsedNumber:
         return dataclasses.replace(self, symbol=labelled_symbol(self.symbol, label))
 
 
-_MAX_TRUNCATION = 5  # sds by which the mean of a normal, cut at zero, may lie below zero
+_MAX_TRUNCATION = 5  # largest distance in sds of the mean of a truncated normal below zero
 MIN_RELATIVE_WIDTH = 1e-9  # a narrower prior holds hardly more than one floating-point number
 
 
@@ -48,7 +48,7 @@ def build_prior(
 ) -> Prior:
     """Return the prior in its entry's unit; a `relative` one is scaled by `nominal_value`.
 
-    The families are those of the entry by default.
+    `families` are the prior families from which `spec` may choose.
     """
     families = spec.families if families is None else families
     values, positive = spec.numbers, families is PRIORS
@@ -83,7 +83,7 @@ def is_tied(spec: object) -> bool:
 def search_start(
     spec: ParameterPrior | SensorPrior, built: Prior, nominal_value: float | None = None
 ) -> float:
-    """Return where the MAP search begins; raises `ValueError` if the prior excludes it."""
+    """Return the start of the MAP search; raises `ValueError` if the prior excludes it."""
     default = nominal_value or float(built.quantile(np.array([0.5]))[0])
     value = default if spec.start is None else spec.start
     if not np.isfinite(built.logpdf(np.array([value]))[0]):
@@ -100,7 +100,7 @@ def number_in_si(
     label: str = "it",
     unit: str = "",
 ) -> tuple[float | Prior, float]:
-    """Return a value or a prior, and its start, in SI; one unit of the entry has `factor` SI units.
+    """Return a fixed value or a prior with its start, in SI; the entry's unit is `factor` in SI.
 
     The number has no nominal value; messages call it `label` and ask for a prior in `unit`.
     """
@@ -114,7 +114,7 @@ def number_in_si(
 
 
 def ends_of(value: float | Prior, tail: float) -> tuple[float, float]:
-    """Return lower and upper ends of a number, with the prior probability `tail` beyond each."""
+    """Return the quantiles `tail` and `1 - tail` of a number's prior; both are a fixed value."""
     if isinstance(value, float):
         return value, value
     low, high = value.quantile(np.array([tail, 1 - tail]))
@@ -122,7 +122,7 @@ def ends_of(value: float | Prior, tail: float) -> tuple[float, float]:
 
 
 def to_si(value: float | numbers.Quantity, unit: str) -> float:
-    """Return a value in SI, in which a plain number is given already."""
+    """Return a value in SI; a plain number is in SI already."""
     if isinstance(value, numbers.Quantity):
         return value.value * units.factor(value.unit, unit)
     return value

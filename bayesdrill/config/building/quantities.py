@@ -1,4 +1,4 @@
-"""Build the quantities of a config, and the formulas that are computed for every draw."""
+"""Build the quantities of a config and its derived formulas, which every draw evaluates."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def parse_quantity(
 
 
 def parse_formula(config: Config, model: Model, name: str, labels: Iterable[str] = ()) -> Formula:
-    """Return a derived formula, which may name earlier ones and parameters of experiments `labels`."""
+    """Return a derived formula, which may name earlier formulas and parameters of `labels`."""
     _check_name(config, name)
     if name in config.quantities:
         raise ValueError(f"{name} is a quantity already; choose another name")
@@ -41,7 +41,7 @@ def parse_formula(config: Config, model: Model, name: str, labels: Iterable[str]
     known_names = (*formula_names(config, model), *itertools.starmap(labelled_name, local))
     known_names = (*known_names, *symbols.DERIVED, *names[: names.index(name)])
     spec = config.derived[name]
-    unit, _ = units.coherent(spec.unit)  # values are SI, whatever the multiple
+    unit, _ = units.coherent(spec.unit)  # values are in SI, so prefixes are dropped
     symbol = symbols.own_symbol(name, unit, spec.latex, f"{name} = {spec.formula}")
     return Formula(symbol, expression(spec.formula, known_names))
 

@@ -1,4 +1,4 @@
-"""Build the numbers of sensors in SI, and the observation model; leave out samples that lags hide."""
+"""Build the numbers of sensors in SI, and the observation model of an experiment."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class SensorEntry:
     """A sensor entry gives one number of the channel, input or state `target`, in `unit`."""
 
     location: Location
-    kind: SensorKind  # all inputs have one delay, or each its own lag
+    kind: SensorKind  # inputs have one common delay, or a lag each
     target: str
     symbol: Symbol
     spec: SensorNumber
@@ -48,7 +48,7 @@ SensorNumbers = Mapping[SensorEntry, ParsedNumber | None]  # None for a number w
 def check_sensors(
     errors: IssueCollector, config: Config, model: Model, free: Sequence[str]
 ) -> tuple[SensorNumbers, ObservationModel | None]:
-    """Return the numbers of sensors and initial state, and the observation model with `free` states."""
+    """Return the numbers of sensors and initial state, and the model with `free` states."""
     checked = {e: _sensor_number(errors, e) for e in sensor_entries(config, model)}
     sensing = errors.run(("inputs",), build_sensing, config, [*checked], free)
     _check_ineffective(errors, config)
@@ -56,7 +56,7 @@ def check_sensors(
 
 
 def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
-    """Yield the entries in the order of their unknowns: channels, inputs, the start."""
+    """Yield the entries in the order of the unknowns: channels, inputs, initial states."""
     for name, spec in config.record.channels.items():
         if spec.derived_from is not None:
             continue
@@ -85,7 +85,7 @@ def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
 def _column_entries(
     location: Location, late: SensorKind, spec: Any, si: str, latex: str
 ) -> Iterator[SensorEntry]:
-    """Yield the entries of a column, whose lag is its own or, by `late`, the delay of all inputs."""
+    """Yield the entries of a column; `late` is the kind of its lag (own lag or common delay)."""
     name = str(location[-1])
     lag = f"lag of the sensor of {name}" if late == "lag" else f"delay of {name}"
     kinds: tuple[tuple[str, SensorKind, str, str, str, str], ...] = (
@@ -102,7 +102,7 @@ def _column_entries(
 
 
 def _sensor_number(errors: IssueCollector, entry: SensorEntry) -> ParsedNumber | None:
-    """Return the number of an entry; None if it, or the column whose unit it takes, has a mistake."""
+    """Return the number of an entry; None if the entry or the column of its unit has a mistake."""
     if entry.kind == "offset" and not getattr(entry.spec, "unit", None):
         try:
             units.factor(entry.unit, entry.symbol.unit)

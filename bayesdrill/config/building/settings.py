@@ -46,7 +46,7 @@ def check_settings(errors: IssueCollector, config: Config) -> None:
 def check_unknown(
     errors: IssueCollector, config: Config, unknown: Sequence[str], related: Iterable[str]
 ) -> None:
-    """Check search, walkers and names in figures against the unknowns and their `related` parameters."""
+    """Check search, walkers and figures against the unknowns and their `related` parameters."""
     if kind := OPTIMISERS.usable().get(config.map.method):
         given_entries = [e for e in entries_of(kind) if getattr(config.map, e) is not None]
         location = ("map", *(given_entries or ["method"])[:1])

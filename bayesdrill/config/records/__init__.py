@@ -1,4 +1,4 @@
 """Read, clean, decimate and simulate the files of a record.
 
-`record.formats` reads each file format; the rules of a config about files are here.
+`record.formats` reads each file format; this package applies the config's rules for files.
 """

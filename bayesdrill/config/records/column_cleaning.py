@@ -52,7 +52,7 @@ class RecordColumn:
 
 
 def row_mask(sources: Sources, location: Location, spec: Series, clock: Clock) -> Mask:
-    """Return which rows `(n,)` of a clock the config masks; a span without a row adds an issue."""
+    """Return a mask `(n,)` of the rows that the config masks; a span without rows is an issue."""
     masked_rows, mask_spec = np.zeros(len(clock.t), dtype=np.bool_), as_mask_spec(spec.mask)
     spans: list[tuple[str, int, Sequence[float], NDArray[Any], str]]
     spans = [("rows", *span, clock.numbers, "") for span in enumerate(mask_spec.rows)]
@@ -81,13 +81,13 @@ def rows_after_jumps(clock: Clock, inputs: list[RecordColumn]) -> Mask:
 
 
 def unwrap(sources: Sources, column: RecordColumn) -> RecordColumn:
-    """Return an angle unwrapped, any other column unchanged; adds an issue if it cannot be unwrapped."""
+    """Return the column, an angle unwrapped; add an issue if unwrapping is ambiguous."""
     wraps = column.spec.wraps if isinstance(column.spec, ChannelSpec | AngleColumn) else None
     if not wraps:
         return column
     period = 0.0 if wraps is True else float(wraps)
     if wraps is True:
-        with suppress(ValueError):  # the unit is no angle
+        with suppress(ValueError):  # the unit is not that of an angle
             period = 2 * math.pi / units.factor(column.spec.unit, "rad")
     if not period > 0:
         way_out = "say after how much it begins again, for example `wraps: 360`"
@@ -116,7 +116,7 @@ def unwrap(sources: Sources, column: RecordColumn) -> RecordColumn:
 def mask_glitches(
     sources: Sources, column: RecordColumn, inputs: list[RecordColumn]
 ) -> RecordColumn:
-    """Return the column without masked glitches; a change after a jump of `inputs` is no glitch."""
+    """Return the column with glitches masked; a change after a jump of `inputs` is no glitch."""
     rows = np.flatnonzero(~np.isnan(column.values))
     x = column.values[rows]
     cause = None if column.is_input else rows_after_jumps(column.clock, inputs)[rows]
@@ -168,7 +168,7 @@ def _saturated_or_stuck(
 def _anomaly(
     column: RecordColumn, spans: Spans, rows: NDArray[np.intp], text: str, do: str
 ) -> Anomaly:
-    """Return an anomaly with the places of `spans`; braces in `do` stand for the column's entry."""
+    """Return an anomaly at the places `spans`; braces in `do` stand for the column's entry."""
     where = tuple(_span_label(column.clock, spans, rows, k) for k in range(len(spans)))
     return Anomaly(text=text, where=where, do=do.format(".".join(map(str, column.location))))
 
@@ -183,7 +183,7 @@ def _span_label(clock: Clock, spans: Spans, rows: NDArray[np.intp], k: int) -> s
 
 
 def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
-    """Return an input's values with gaps filled as its `hold` says; adds an issue if it cannot."""
+    """Return an input's values with gaps filled by its `hold`; add an issue if this fails."""
     spec, missing = column.spec, np.isnan(column.values)
     if not missing.any():
         return column.values
@@ -203,11 +203,11 @@ def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
     return column.values[rows[np.searchsorted(rows, np.arange(len(missing)), side="right") - 1]]
 
 
-MAX_DERIVATIVE_MISMATCH = 0.3  # relative rms beyond which a channel is hardly the stated derivative
+MAX_DERIVATIVE_MISMATCH = 0.3  # relative rms above which a channel is doubted as a derivative
 
 
 def report_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn]) -> None:
-    """Report each derived channel as no evidence, and how well it fits its origin."""
+    """Report that derived channels are not counted, and how well each fits its origin."""
     for column in columns.values():
         origin = column.spec.derived_from if isinstance(column.spec, ChannelSpec) else None
         if origin is None:
@@ -242,7 +242,7 @@ def _kinematic_factors(angle: str, speed: str) -> tuple[float, float] | None:
 def _compare_with_quotients(
     column: RecordColumn, origin: RecordColumn
 ) -> tuple[str, float, float] | None:
-    """Return the nearest difference quotient, its relative rms mismatch, and the factor to it, in SI."""
+    """Return the kind of the nearest difference quotient, its relative rms mismatch and factor."""
     if column.clock is not origin.clock:
         return None
     in_both = ~np.isnan(column.values) & ~np.isnan(origin.values)

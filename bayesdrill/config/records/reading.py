@@ -43,7 +43,7 @@ from bayesdrill.record.experiment import (
 )
 from bayesdrill.record.formats.csv import CsvOptions
 
-MAX_LEAD = 1000  # lengths of the record: a longer one after the start hints at times of a clock
+MAX_LEAD = 1000  # in record lengths: a later first sample suggests times of a calendar clock
 
 
 def csv_options(record: RecordSpec) -> CsvOptions:
@@ -54,7 +54,7 @@ def csv_options(record: RecordSpec) -> CsvOptions:
 def read(resolved: ResolvedExperiment, files: Files | None = None) -> Experiment:
     """Read the record of one experiment; raises `InputError`.
 
-    What stands in `files` already is taken from there: tables, and a record made of the same entries.
+    Tables and records that `files` holds already are not read again.
     """
     files = Files() if files is None else files
     first, known = files.records.get(resolved.label, (resolved, None))
@@ -66,7 +66,7 @@ def read(resolved: ResolvedExperiment, files: Files | None = None) -> Experiment
 
 
 def _origin(resolved: ResolvedExperiment) -> tuple[object, ...]:
-    """Return all that decides the record of an experiment: nothing of noise and sensors does."""
+    """Return all entries that determine the record of an experiment, as a key."""
     config = resolved.config
     measured = dict.fromkeys((*SensorFields.model_fields, "sigma", "noise"))
     columns = {
@@ -138,7 +138,7 @@ class _Reader:
         return decimated(experiment, factor)
 
     def _columns(self) -> dict[Location, RecordColumn]:
-        """Return all columns that the config names, by location, with NaN where no number is used."""
+        """Return all columns that the config names, by location, with NaN in unused rows."""
         entries = sources.file_entries(self._config)
         picked_columns = [self._column(location, spec) for location, spec in entries.items()]
         raise_if_any(list(dict.fromkeys(self._sources.issues)))
@@ -184,7 +184,7 @@ class _Reader:
         return y
 
     def _held_out(self, t: Array, y: Array) -> Array | None:
-        """Move held-out samples from `y` to the array that is returned; None if there are none."""
+        """Move held-out samples from `y` to a new array and return it; None if there are none."""
         spans = window_spans(self._config.record.held_out)
         if not spans:
             return None
@@ -283,7 +283,7 @@ class _Reader:
         return column_cleaning.unwrap(self._sources, column)
 
     def _t_start(self, time: Array, *, has_series: bool) -> float:
-        """Return the time of the initial state; with measured inputs it is that of the first sample."""
+        """Return the time of the initial state: the first sample's with measured inputs."""
         if has_series:
             return float(time[0])
         t_start = self._config.initial.time
@@ -307,7 +307,7 @@ class _Reader:
 
 
 def _unit_of_input(config: Config, name: str) -> Unit:
-    """Return the unit of an input; a speed that was given as an angle has its SI unit."""
+    """Return the unit of an input; a speed from an imposed angle has the SI unit."""
     spec, symbol = config.inputs.get(name), config.vocabulary.inputs[name]
     unit = spec.unit if isinstance(spec, InputColumn | InputQuantity) else symbol.unit
     return units.display_unit(unit, symbol.unit, symbol.latex_unit)

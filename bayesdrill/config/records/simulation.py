@@ -34,11 +34,11 @@ from bayesdrill.record.formats.csv import table as text_table
 from bayesdrill.rig.simulators import simulator
 
 DIGITS = 9
-READ_BACK_TOLERANCE = 1e-8  # of the largest number in a column
+READ_BACK_TOLERANCE = 1e-8  # relative to the largest number in a column
 
 
 def _check_format(resolved: ResolvedExperiment, target: Path | None) -> None:
-    """Raise `InputError` unless the config could read its record, when written to `target`."""
+    """Raise `InputError` if the config could not read a record that is written to `target`."""
     record, source, location = resolved.config.record, resolved.source, ("record", "file")
     try:
         kind = record.format or format_of(target or sources.path_of(resolved))
@@ -64,7 +64,7 @@ def _check_format(resolved: ResolvedExperiment, target: Path | None) -> None:
 
 
 def record_text(resolved: ResolvedExperiment, grid: Experiment, y: Array) -> str:
-    """Return channels `y (T, K)`, times and inputs as CSV text, in the units of their columns."""
+    """Return times, inputs and channels `y (T, K)` as CSV text, in the units of their columns."""
     columns = _columns(resolved, grid, y)
     record = reading.csv_options(resolved.config.record)
     mark = record.delimiter or (";" if record.decimal == "," else ",")
@@ -101,7 +101,7 @@ def _columns(resolved: ResolvedExperiment, grid: Experiment, y: Array) -> list[t
 def _check_read_back(
     resolved: ResolvedExperiment, text: str, columns: list[tuple[str, Array]]
 ) -> None:
-    """Raise `InputError` if the text would be read otherwise, because of names or delimiters."""
+    """Raise `InputError` if names or delimiters change the columns when the text is read."""
     options = reading.csv_options(resolved.config.record)
     try:
         table = text_table(sources.path_of(resolved), text, options)
@@ -122,10 +122,10 @@ def simulate(case: ResolvedCase, seed: int, target: Path | None = None) -> str:
 
 
 def simulate_all(case: ResolvedCase, seed: int, output: Path | None = None) -> dict[Path, str]:
-    """Return the simulated records of all experiments, by the file that each is for.
+    """Return the simulated records of all experiments, by their files.
 
-    The files are those that the config names, or `output`. With several experiments, `output` is the
-    folder of files with these names. Raises `InputError` with all mistakes.
+    The files are `output`, or those that the config names. With several experiments, `output` is a
+    folder for files with these names. Raises `InputError` with all mistakes.
     """
     texts, problems = dict[Path, str](), list[Issue]()
     for index, resolved in enumerate(case.experiments):
@@ -149,9 +149,9 @@ def simulate_one(
 ) -> str:
     """Return a record as text that the config itself reads, from `target` or its own record.
 
-    Times and measured inputs are those of the config's `simulation:` grid, or else of its record. True
-    values are nominal, or the config's fixed ones, unless `simulation:` names them. Tied parameters
-    follow from them, and numbers of sensors are where their priors start.
+    Times and measured inputs come from the `simulation:` grid, or else from the record. True values
+    come from `simulation:`, or else from fixed or nominal values. Tied parameters follow from
+    these. Sensors have the start values of their priors.
     """
     _check_format(resolved, target)
     experiment = simulation_grid(resolved)
@@ -173,7 +173,7 @@ def simulate_one(
 
 
 def check_target(text: str, target: Path, read: Sequence[Path], *, force: bool) -> None:
-    """Raise `InputError` if a text must not be written to `target`, above all over files `read`."""
+    """Raise `InputError` if writing to `target` would replace a file, above all one of `read`."""
     output_files.refuse_other_than_file(target)
     output_files.refuse_unwritable(target.parent)
     output_files.refuse_replacing(read, [target])
@@ -230,7 +230,7 @@ def truth(resolved: ResolvedExperiment) -> dict[str, float]:
 
 
 def _sensor_truth(resolved: ResolvedExperiment) -> dict[str, float]:
-    """Return true values of sensors and the start, in SI; free states are zero unless they are given."""
+    """Return true values of sensors and initial states in SI; free states are zero by default."""
     values = {state_name(name): 0.0 for name in resolved.free_states}
     factors = dict.fromkeys(values, 1.0)
     for number in resolved.sensor_numbers.values():
@@ -240,7 +240,7 @@ def _sensor_truth(resolved: ResolvedExperiment) -> dict[str, float]:
 
 
 def _noise_truth(resolved: ResolvedExperiment, unknown: Unknown) -> float:
-    """Return the true value of a noise unknown from `simulation.truth`, else where its search starts."""
+    """Return the true value of a noise unknown from `simulation.truth`, else its start value."""
     value = _given_truth(resolved, unknown.name)
     low, high = unknown.between or (unknown.prior.low, unknown.prior.high)
     if value is None or low < value < high:

@@ -1,4 +1,4 @@
-"""Read each file of a record once, make clocks of their times, and decimate records."""
+"""Read each file of a record once, make clocks of the files' times, and decimate records."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def file_entries(config: Config) -> dict[Location, Series]:
 def inputs_as_given(
     config: Config, experiment: Experiment
 ) -> Iterator[tuple[str, InputColumn, Array]]:
-    """Yield entry, column and values `(T,)` in its unit, of each input or imposed angle."""
+    """Yield the entry, the column and the values `(T,)` of each input, in the column's unit."""
     for name, spec in config.measured_inputs.items():
         entry, values = config.input_entry(name), experiment.series[name]
         if entry != name:
@@ -57,7 +57,7 @@ def inputs_as_given(
 
 
 def file_of(spec: Series) -> FileSpec | None:
-    """Return the column's own file; None stands for that of the record."""
+    """Return the column's own file; None stands for the file of the record."""
     return FileSpec(path=spec.file) if isinstance(spec.file, str) else spec.file
 
 
@@ -88,9 +88,9 @@ def named_files(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
 
 
 def rebase(data: Mapping[str, Any], old: Path, new: Path) -> None:
-    """Rewrite file names relative to the folder `old` as names relative to the folder `new`.
+    """Rewrite file names that are relative to folder `old` so that they are relative to `new`.
 
-    Links are resolved first, as `..` in a path goes up from the target of a link.
+    Links are resolved first, as `..` in a path leads to the parent of a link's target.
     """
     for section, key in named_files(data):
         section[key] = relative_name(new.resolve(), (old / section[key]).resolve())
@@ -111,7 +111,7 @@ class Clock:
 
     table: RecordTable
     t: Array
-    rows: NDArray[np.intp]  # with several clocks, also the nearest row before and after the windows
+    rows: NDArray[np.intp]  # with several clocks, includes the rows next to the windows
     in_window: NDArray[np.bool_]
     n_rows: int
 
@@ -125,7 +125,7 @@ class Clock:
         return np.asarray(self.table.numbers[self.rows], dtype=np.int64)
 
 
-MAX_KEPT = 4_000_000  # numbers in a table that is kept; larger ones take the sampler's memory
+MAX_KEPT = 4_000_000  # largest size of a kept table; larger ones would take the sampler's memory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -246,7 +246,7 @@ class Sources:
         clock = Clock(table, raw[rows], rows, in_window[rows], len(raw))
         issues = check_time(self.label(time_place), clock.t, clock.where)
         self.issues += issues
-        # Wrong times are kept, so that mistakes in the columns are reported together with them.
+        # Wrong times are kept, so that mistakes in the columns are reported at the same time.
         return clock if issues else dataclasses.replace(clock, t=on_grid(clock.t))
 
     def _read(self, location: Location, file: FileSpec | None) -> RecordTable | None:
@@ -308,8 +308,8 @@ def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) ->
 def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:
     """Return the experiment with filtered channels that keep one sample in `factor`.
 
-    Measured inputs keep every sample, as the rig follows each of their steps. Then the channels are
-    NaN between the samples that they keep.
+    Measured inputs keep every sample, as the rig follows each of their steps. The channels are then
+    NaN at all other samples.
     """
     decimation = clocks.decimated(experiment.y, factor)
     if experiment.series:

@@ -1,4 +1,4 @@
-"""Define the file of a campaign: a base config, its runs, and what was noted beside each of them."""
+"""Define the file of a campaign: a base config, its runs and the notes on each run."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from bayesdrill.basics.entries import Count, NonNegative, Number, Positive, Stri
 TimeUnit = Literal["s", "min", "h", "d"]
 SECONDS: dict[TimeUnit, float] = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 Text = Annotated[str, Field(min_length=1)]
-Change = Annotated[Number, Field(gt=-1)]  # relative: 0.05 is 5 %
+Change = Annotated[Number, Field(gt=-1)]  # relative change: 0.05 is 5 %
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
 
 
 class RunSpec(Strict):
-    """A run has a record, and what is known beside it."""
+    """A run has a record and notes."""
 
     file: Text = Field(description="Relative to the folder of the campaign's file.")
     name: str | None = Field(None, description="Default: the name of the file without its ending.")
@@ -29,7 +29,7 @@ class RunSpec(Strict):
 
 
 class JumpSpec(Strict):
-    """A jump of simulated runs changes parameters after so many runs."""
+    """A jump changes the parameters of all simulated runs after a given run."""
 
     after: Count
     change: dict[str, Change]
@@ -45,12 +45,12 @@ class ForeignSpec(Strict):
 
 
 class CampaignSimulation(Strict):
-    """The simulation section says what `simulate` makes: the truth of each run, and its record."""
+    """The simulation section sets how `simulate` draws the true parameters of each run."""
 
     runs: Annotated[int, Field(ge=1, le=100_000)]
     rigs: Annotated[int, Field(ge=1, le=1000)] = 1
     interval: Positive = 1.0
-    """From one run to the next, in `time_unit`."""
+    """Time from one run to the next, in `time_unit`."""
     spread: dict[str, NonNegative] = Field(default_factory=dict)
     """Relative standard deviations over runs, by parameter."""
     rig_spread: dict[str, NonNegative] = Field(default_factory=dict)
@@ -59,7 +59,7 @@ class CampaignSimulation(Strict):
     """Relative changes from the first run to the last, by parameter."""
     jump: JumpSpec | None = None
     noted: dict[str, dict[str, Number]] = Field(default_factory=dict)
-    """Noted columns, standard normal; each with relative changes of parameters for a unit of it."""
+    """Standard normal columns of notes; each has relative changes of parameters per unit."""
     foreign: ForeignSpec | None = None
 
 
@@ -85,11 +85,11 @@ class CampaignSpec(Strict):
     time_unit: TimeUnit = "s"
     """Unit of times that are numbers."""
     by_name: bool = False
-    """Runs without times are equally spaced, in the order of their names, if this is true."""
+    """If true, runs without times are equally spaced, in the order of their names."""
     noted: list[str] = Field(default_factory=list)
     """Columns of the table that may explain how runs differ."""
     leave_out: list[str] = Field(default_factory=list)
-    """Names of runs that do not count."""
+    """Names of runs that are left out."""
     overrides: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """Entries of the config that differ in a run, by its name."""
     effort: Annotated[int, Field(ge=100, le=100_000)] = 500

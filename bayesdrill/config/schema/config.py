@@ -1,7 +1,7 @@
 """Define the experiment config as validated records with defaults; its JSON schema follows.
 
-Unknown keys, wrong types and values out of range are errors. What needs more than one entry to be
-checked (a start inside its prior, symbols of the model, units) is checked in `building`.
+Unknown keys, wrong types and values out of range are errors. Conditions between several entries (a
+start inside its prior, symbols of the model, units) are checked in `building`.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ Identification = Literal["determined", "weak", "left to the prior"]
 
 
 class MissingTorqueSpec(Strict):
-    """A missing torque is a torque that the rig's equations lack, modelled as a Gaussian process."""
+    """A missing torque is absent from the rig's equations and modelled as a Gaussian process."""
 
     at: str
-    """The inertia on which it acts; at the motor, on its own side of the gear."""
+    """The inertia on which the torque acts; at the motor, on the motor's side of the gear."""
     smoothness: Literal["1/2", "3/2"] = "3/2"
-    """Of Matern: 1/2 jumps about, 3/2 has a rate."""
+    """Smoothness of the Matern process: 1/2 is rough, 3/2 is differentiable."""
     size: SigmaSpec = Field(
         description="Standard deviation of the torque [N m]: a number or a prior."
     )
@@ -65,7 +65,7 @@ class MissingTorqueSpec(Strict):
 
 
 Searches = Annotated[int, Field(ge=1, le=1000)]
-MAX_PIECES = 1000  # per sample; by default at most 64 are taken
+MAX_PIECES = 1000  # largest number of steps per sample; the default never exceeds 64
 
 
 class DerivedSpec(Strict):
@@ -87,8 +87,8 @@ class ModelSpec(Strict):
     name: str = Field("motor_shaft", description="The model.")
     pieces: Annotated[int, Field(ge=1, le=MAX_PIECES)] | None = Field(
         None,
-        description="Steps between two samples of a rig that rubs; default: as many as keep their error "
-        "below a tenth of the noise.",
+        description="Steps per sample of a rig with friction; default: enough for errors below a "
+        "tenth of the noise. ",
     )
 
 
@@ -101,20 +101,20 @@ Tolerance = Annotated[float, Field(ge=0, lt=1)]
 
 
 class Parameters(NamedSection):
-    """The parameters section says what is known of each parameter of the rig."""
+    """The parameters section gives a prior or a value of each parameter of the rig."""
 
     __pydantic_extra__: dict[str, ParameterSpec | SignedSpec | None]
 
     model_config = ConfigDict(
         json_schema_extra={
-            "description": "A prior, a number, `nominal`, a tie or a formula; what the model only "
-            "offers is off unless it is named."
+            "description": "A prior, a number, `nominal`, a tie or a formula; optional physics is "
+            "off unless it is named. "
         }
     )
 
     @classmethod
     def defaults(cls, words: Vocabulary) -> Mapping[str, float | None]:
-        """Return no values, as each parameter of the rig has to be given."""
+        """Return no values, as the config has to give each parameter of the rig."""
         return {}
 
 
@@ -141,7 +141,7 @@ class Nominal(NamedSection):
         None, description=f"Default: {symbols.DEFAULT_NOMINAL}, where the config relies on a table."
     )
     tolerance: ToleranceSpec = Field(
-        0.0, description="Relative, of the nominal values: one number, or by symbol and `default`."
+        0.0, description="Relative tolerances: one number, or numbers by symbol and `default`."
     )
 
 
@@ -150,16 +150,16 @@ class Simulation(NamedSection):
 
     __pydantic_extra__: dict[str, Number | None]
 
-    duration: Positive | None = Field(None, description="[s]; default: the times of the record.")
+    duration: Positive | None = Field(None, description="In s; default: the times of the record.")
     rate: Positive | None = Field(None, description="[Hz]")
     sigma: dict[str, Positive] = Field(default_factory=dict)
-    """Of channels whose sigma is unknown."""
+    """True sigma of each channel whose sigma is unknown."""
     quantities: dict[str, Positive] = Field(default_factory=dict)
-    """True values, in their units; default: where their priors start."""
+    """True values of quantities, in their units; default: the starts of their priors."""
     truth: dict[str, Number] = Field(
         default_factory=dict,
-        description="Of sensors, starts, what noise has beside its sigma, and what is own of an "
-        "experiment, by the names of the unknowns, in their units; default: where priors start.",
+        description="True values of unknowns of sensors, starts and noise, and of `own` "
+        "parameters, by name, in their units; default: the starts of their priors.",
     )
 
 
@@ -169,8 +169,8 @@ class MapSpec(Strict):
 
     method: str = Field("nelder_mead", description="The optimiser.")
     starts: Searches = 4
-    """The first is the configured one, the rest from the prior."""
-    evaluations: Count = Field(8000, description="The largest number of evaluations of one start.")
+    """Number of starts: the first is the configured start, the others are drawn from the prior."""
+    evaluations: Count = Field(8000, description="Largest number of evaluations from one start.")
 
 
 class SamplerSpec(Strict):
@@ -178,7 +178,7 @@ class SamplerSpec(Strict):
 
     ensembles: Annotated[int, Field(ge=4, le=MAX_COUNT)] = 4
     walkers: Annotated[int, Field(ge=4, le=MAX_COUNT)] = 256
-    """Of each ensemble; where a rig rubs 96, and 16 more with each experiment."""
+    """Walkers of each ensemble; 96 for a rig with friction, 16 more for each experiment."""
     moves: Annotated[dict[str, NonNegative], Field(min_length=1)] = Field(
         default_factory=lambda: {
             "differential_evolution": 0.09,
@@ -187,21 +187,21 @@ class SamplerSpec(Strict):
         }
     )
     r_hat: Annotated[float, Field(gt=1, le=LARGEST)] = 1.01
-    n_tau: Positive = Field(50.0, description="Steps kept, in autocorrelation times.")
+    n_tau: Positive = Field(50.0, description="Number of kept steps, in autocorrelation times.")
     ess: Positive = Field(4000.0, description="Bulk effective sample size of every unknown.")
     max_steps: Annotated[int, Field(ge=100, le=MAX_COUNT)] = 50_000
     likelihood: Literal["auto", "exact", "compressed"] = "auto"
-    """Long records of linear rigs: by all samples, or compressed (auto: where it pays)."""
+    """For long records of linear rigs: use all samples, or compress (auto: the faster)."""
 
 
 class CalibrationSpec(Strict):
     """The calibration section sets how many simulated records are refitted, and how."""
 
     refits: Annotated[int, Field(ge=10, le=100_000)] = 200
-    """Simulated records, each refitted."""
+    """Number of simulated records; each is refitted."""
     draws: Annotated[int, Field(ge=19, le=100_000)] = 99
-    """Nearly independent draws among which a true value is ranked."""
-    starts: Searches = Field(16, description="Searches for the MAP of a refit, at most.")
+    """Number of nearly independent draws among which a true value is ranked."""
+    starts: Searches = Field(16, description="Largest number of MAP searches of a refit.")
     n_tau: Positive = Field(20.0, description="As in `sampler`, for a refit.")
     ess: Positive = Field(400.0, description="As in `sampler`, for a refit.")
     max_steps: Annotated[int, Field(ge=100, le=MAX_COUNT)] = 5000
@@ -209,7 +209,7 @@ class CalibrationSpec(Strict):
 
 
 class IdentifySpec(Strict):
-    """The identify section sets what `identify` ranks remedies by, and its thresholds."""
+    """The identify section sets the thresholds of `identify` and how it ranks remedies."""
 
     of_interest: list[str] = Field(default_factory=list)
     """Parameters by whose uncertainty remedies are ranked; default: all unknown ones."""
@@ -226,7 +226,7 @@ class IdentifySpec(Strict):
 
 
 class Config(Strict):
-    """A config describes a record, a rig, the prior knowledge of it, and how to infer more."""
+    """A config describes a record, a rig, the priors of its parameters, and the inference."""
 
     _vocabulary: Vocabulary = PrivateAttr()
 
@@ -240,16 +240,16 @@ class Config(Strict):
     shared: NameList = Field(default_factory=list)
     """Unknowns of sensors, starts and noise that all experiments have in common."""
     own: NameList = Field(default_factory=list)
-    """Parameters of the rig that are another unknown in each experiment."""
+    """Parameters of the rig that are a different unknown in each experiment."""
     model: ModelSpec = ModelSpec()
     nominal: Annotated[Nominal, shorthand("table")] = Field({}, validate_default=True)
     parameters: Parameters
     quantities: Named[QuantitySpec] = Field(default_factory=dict)
-    """What formulas of parameters name beside parameters."""
+    """Additional quantities that formulas of parameters may name."""
     derived: Named[Annotated[DerivedSpec, shorthand("formula")]] = Field(default_factory=dict)
     """Formulas that are computed for every draw."""
     missing_torque: MissingTorqueSpec | None = None
-    """What the rig's equations leave out, as a torque over time."""
+    """A torque over time that the rig's equations lack."""
     map: MapSpec = MapSpec()
     sampler: SamplerSpec = SamplerSpec()
     output: OutputSpec = OutputSpec()
@@ -258,7 +258,7 @@ class Config(Strict):
     simulation: Simulation | None = None
 
     def model_post_init(self, context: Vocabulary | None, /) -> None:
-        """Keep the vocabulary, which is the context of the validation."""
+        """Keep the vocabulary, which is passed as the context of the validation."""
         self._vocabulary = context or HOUSE
 
     @property

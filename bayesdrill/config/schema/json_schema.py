@@ -1,7 +1,7 @@
 """Write the JSON schema of a config, with which editors complete and check configs.
 
-Names that only a described rig has, such as `j_load`, are checked by their form alone, and only beside
-such a `model:`. The schema lists all other names.
+The schema lists all names of fixed rigs. Names of a described rig, such as `j_load`, are checked
+only by their form, and only in a config with such a `model:`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bayesdrill.config.schema.records import Initial
 from bayesdrill.config.schema.validation import SECTIONS, adapter, named_entries
 from bayesdrill.config.schema.vocabulary import HOUSE, described_rigs
 
-NAME_OF_PART = "^[A-Za-z]+(_[A-Za-z0-9]+)+$"  # a letter for the quantity, and the name of a part
+NAME_OF_PART = "^[A-Za-z]+(_[A-Za-z0-9]+)+$"  # a letter for the quantity, then the name of a part
 
 
 def json_schema() -> str:
@@ -32,7 +32,7 @@ def json_schema() -> str:
     schemas = {key: GenerateJsonSchema().sort(schema) for (key, _), schema in plain.items()}
     defs = whole["$defs"]
     schema = defs.pop("Config")
-    # Names with the least restricted entries: numbers that may be negative, and driving inputs.
+    # The least restricted entries: numbers that may be negative, and driving inputs.
     free_names = {name for name, symbol in HOUSE.parameters.items() if symbol.signed}
     free_names |= {*HOUSE.inputs, *HOUSE.starts} - {*HOUSE.idle}
     for place, entries in named.items():

@@ -1,4 +1,4 @@
-"""Say in words what is wrong with an entry, from the error of its validation."""
+"""Turn an error of pydantic's validation into a message for users."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def _hint(value: Any) -> str:
 
 
 def _train_of(name: str) -> str:
-    """Return which model has a symbol of a train, such as `goal_motor`; empty for other names."""
+    """Return the model entry for a symbol of a train, such as `goal_motor`; empty for others."""
     *_, part = name.removesuffix(BACKWARD).split("_")
     if len(part) < 3 or not re.fullmatch(NAME, part):
         return ""
@@ -144,7 +144,7 @@ def _keys_at(error: EntryError) -> list[str]:
 
 
 def _sections(annotation: Any) -> list[Mapping[str, Any]]:
-    """Return the annotations, by key, of each mapping that the annotation allows."""
+    """Return annotations by key, for each mapping that an annotation allows."""
     if isinstance(annotation, type) and issubclass(annotation, PriorSpec):
         return [_entries(family) for family in families_of(annotation) or (annotation,)]
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):

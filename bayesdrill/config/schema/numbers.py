@@ -25,14 +25,14 @@ from bayesdrill.inference.priors import PRIORS, SIGNED_PRIORS, LogUniform, Prior
 
 
 def entry_shape(value: Any) -> str:
-    """Return the tag of the union member that an entry is meant to be, before or after validation."""
+    """Return the tag of the union member that an entry, raw or validated, is meant to be."""
     if isinstance(value, dict | BaseModel):
         return "<mapping>"
     return "<word>" if isinstance(value, str) else "<number>"
 
 
 def shorthand(entry: str) -> BeforeValidator:
-    """Return a validator that reads a text as a mapping with this `entry` alone."""
+    """Return a validator that reads a text as a mapping whose only entry is `entry`."""
     return BeforeValidator(lambda value: {entry: value} if isinstance(value, str) else value)
 
 
@@ -47,7 +47,7 @@ def _fixed_shape(value: Any) -> str:
 
 
 class NamedSection(Strict):
-    """A section has the entries of its class, and one for each name of the rig."""
+    """A section has the entries of its class, and one entry for each name of the rig."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -60,7 +60,7 @@ class NamedSection(Strict):
 
     @classmethod
     def defaults(cls, words: Vocabulary) -> Mapping[str, float | None]:
-        """Return the values of names that are not given, in the order in which names are written."""
+        """Return the default values of names, in the order in which results list the names."""
         return dict.fromkeys(words.parameters)
 
     def get(self, name: str) -> Any:
@@ -72,7 +72,7 @@ class PriorSpec(Strict):
     """A prior is given by its family and the numbers of the family."""
 
     families: ClassVar[Mapping[str, Callable[..., Prior]]] = PRIORS
-    family: ClassVar[str]  # each has a class of its own, whose entry `prior` names it
+    family: ClassVar[str]  # the entry `prior` selects the class of a family
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -94,7 +94,7 @@ class ParameterPrior(PriorSpec):
 
 
 class SignedPrior(ParameterPrior):
-    """The prior of a parameter that may be negative, such as an angle, is not cut at zero."""
+    """The prior of a parameter that may be negative, such as an angle, is not truncated at zero."""
 
     families = MappingProxyType({**PRIORS, **SIGNED_PRIORS})
 
@@ -124,7 +124,7 @@ class SensorPrior(PriorSpec):
 
 
 def _entries(family: Callable[..., Prior]) -> dict[str, Any]:
-    """Return the annotations, for pydantic, of the numbers that define a prior of this family."""
+    """Return pydantic annotations of the numbers that define a prior of this family."""
     signature = family if inspect.isroutine(family) else family.__init__
     hints = typing.get_type_hints(signature, include_extras=True)
     return {name: hint for name, hint in hints.items() if name != "return"}
@@ -138,7 +138,7 @@ _SIGNED: Mapping[str, Any] = {
 
 
 def _spec(base: type[PriorSpec], name: str) -> type[PriorSpec]:
-    """Return the entries of the prior family `name`, all required, with those that `base` adds."""
+    """Return the class of the prior family `name`: required entries, and those of `base`."""
     family = base.families[name]
     overrides = _SIGNED if base.families is not PRIORS and family is not LogUniform else {}
     fields: dict[str, Any] = {"prior": (Literal[name], ...)}
@@ -159,12 +159,12 @@ globals().update(_SPECS)  # pickle finds a class by its name in its module
 
 
 def families_of(base: type[PriorSpec]) -> tuple[type[PriorSpec], ...]:
-    """Return the entries of each family of this kind of prior."""
+    """Return the class of each family for this kind of prior."""
     return tuple(model for model in _SPECS.values() if model.__base__ is base)
 
 
 class _OfAnyFamily:
-    """Annotate a kind of prior, so that `prior:` selects the family whose entries are read."""
+    """Annotate a kind of prior, so that `prior:` selects the class of its family."""
 
     @staticmethod
     def __get_pydantic_core_schema__(base: Any, handler: GetCoreSchemaHandler) -> Any:
@@ -181,7 +181,7 @@ _SensorPrior = Annotated[SensorPrior, _OfAnyFamily]
 class Tie(Strict):
     """A tie makes a parameter equal to another one."""
 
-    tie: str = Field(description="The parameter, or quantity, that this one is equal to.")
+    tie: str = Field(description="The parameter or quantity to which this parameter is equal.")
 
 
 _P = typing.TypeVar("_P")
@@ -209,7 +209,7 @@ class Quantity(Strict):
 
 
 class NominalValue(Strict):
-    """A nominal value may be given with the unit and the side of the gear of its data sheet."""
+    """A nominal value may have the unit and the side of the gear of its data sheet."""
 
     value: Positive
     unit: str | None = Field(None, description="Default: SI.")
@@ -253,11 +253,11 @@ StateSpec = Annotated[
 
 
 class SensorFields(Strict):
-    """A column that a sensor measured may have a gain, an offset and a lag."""
+    """A measured column may have the gain, offset and lag of its sensor."""
 
     gain: SensorSpec | None = None
-    """What the sensor multiplies with: a number or a prior."""
+    """Factor of the sensor: a number or a prior."""
     offset: SensorSpec | None = None
-    """What the sensor adds, in the column's unit: a number or a prior."""
+    """Constant that the sensor adds, in the column's unit: a number or a prior."""
     lag: SensorSpec | None = None
-    """[s] by how much the sensor is late: a number or a prior."""
+    """Delay of the sensor [s]: a number or a prior."""

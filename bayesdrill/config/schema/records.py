@@ -64,7 +64,7 @@ _NOISES = {name: kind.Entries for name, kind in NOISES.usable().items()}
 
 @with_member_entries("format", _OPTIONS)
 class FileSpec(Strict):
-    """A column may stand in another file than the record's, which is described here."""
+    """A column may be in a file other than the record's."""
 
     path: str = Field(description="Relative to the folder of the config.")
     format: str | None = Field(None, description="Default: by the file's ending.")
@@ -72,7 +72,7 @@ class FileSpec(Strict):
 
 @with_member_entries("name", _NOISES)
 class NoiseSpec(Strict):
-    """The noise section sets the distribution of what the rig does not explain."""
+    """The noise section sets the distribution of the measurement noise."""
 
     name: str = Field("white", description="The kind.")
 
@@ -88,9 +88,9 @@ class MaskSpec(Strict):
 
     glitches: bool = Field(False, description="Leave out the spikes that `check` lists.")
     rows: Annotated[list[Rows], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
-    """From and to: rows by the numbers that messages give."""
+    """First and last rows, by the numbers that messages give."""
     times: Annotated[list[Window], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
-    """From and to, both ends [s]."""
+    """First and last times [s]; both are included."""
 
 
 MaskEntry = Annotated[
@@ -100,7 +100,7 @@ MaskEntry = Annotated[
 
 
 def _time_shape(value: Any) -> str:
-    """Return the tag of a time entry; one without `rate` is a column, however its keys are misspelt."""
+    """Return the tag of a time entry; an entry without `rate` is a column."""
     rate = "rate" in value if isinstance(value, dict) else isinstance(value, TimeRate)
     return "<mapping>" if rate else "<column>"
 
@@ -110,7 +110,7 @@ class ColumnSpec(Strict):
 
     column: str | Count | None = None
     variable: str | None = None
-    """Of a file of arrays; dotted for fields, a path in HDF5."""
+    """Variable in a file of arrays; fields have dots, and HDF5 has paths."""
     unit: str
 
 
@@ -118,7 +118,7 @@ class TimeColumn(ColumnSpec):
     """The time may be a column."""
 
     scale: Positive | None = Field(
-        None, description="Multiplies all times: below 1 for a clock that runs fast; default: 1."
+        None, description="Factor of all times, below 1 for a clock that runs fast; default: 1."
     )
     offset: Number | None = Field(None, description="Added to all times, in their unit.")
 
@@ -137,7 +137,7 @@ TimeSpec = Annotated[
 
 
 class Series(ColumnSpec, SensorFields):
-    """A series is a column of the record's file, or of another one with its own times."""
+    """A series is a column of the record's file, or of another file with its own times."""
 
     file: FileEntry | None = Field(None, description="Default: the entry of the record.")
     time: TimeSpec | None = Field(None, description="Default: the entry of the record.")
@@ -164,7 +164,7 @@ class AngleColumn(InputColumn):
 
     hold: Literal["first"] = Field("first", description="The input is linear between samples.")
     wraps: WrapsEntry | None = None
-    """It begins again: `true` after a turn, or after so much [unit]."""
+    """Where the angle wraps: `true` after one turn, or a period in the column's unit."""
 
 
 class DecimateSpec(Strict):
@@ -173,13 +173,13 @@ class DecimateSpec(Strict):
     factor: Annotated[int, Field(ge=2, le=1000)]
     filter: bool = Field(
         True,
-        description="`false`: samples as they are, for what a filter would smear, as kinks of friction; "
-        "what is faster than half the new rate stays in as noise.",
+        description="`false` keeps samples as measured, so that kinks of friction stay sharp; "
+        "motion faster than half the new rate remains as noise.",
     )
 
 
 def inside_spans(t: Array, spans: list[tuple[float, float]]) -> NDArray[np.bool_]:
-    """Return which times `(T,)` lie in one of the spans, both ends included."""
+    """Return a mask of the times `(T,)` that lie in one of the spans, both ends included."""
     slack = 1e-9 * max((abs(x) for span in spans for x in span), default=0.0)
     is_inside = np.zeros(len(t), dtype=bool)
     for begin, end in spans:
@@ -202,7 +202,7 @@ def as_mask_spec(given: MaskSpec | str | None) -> MaskSpec:
     return given or MaskSpec()
 
 
-MAX_NAMED = 50  # channels, quantities or formulas of a config; names in a figure
+MAX_NAMED = 50  # largest number of channels, quantities, formulas or names in a figure
 Format = Literal["pdf", "png", "svg"]
 
 
@@ -210,19 +210,19 @@ class OutputSpec(Strict):
     """The output section sets which figures are drawn and how many draws are predicted."""
 
     predictive_draws: Annotated[int, Field(ge=10, le=MAX_COUNT)] = 125
-    """Per ensemble, with pointwise log likelihood and predictive samples."""
+    """Draws of each ensemble that have pointwise log likelihoods and predictive samples."""
     figures: Annotated[list[str], Field(max_length=MAX_NAMED)] | None = None
-    """Which are drawn, by name; default: all but those on request."""
+    """Names of figures; default: all except those on request."""
     parameters: Annotated[list[str], Field(min_length=1, max_length=MAX_NAMED)] | None = None
-    """Unknowns of corner, trace and prior_posterior; default: all."""
+    """Unknowns in corner, trace and prior_posterior; default: all."""
     corner: Annotated[list[str], Field(min_length=1, max_length=MAX_NAMED)] | None = None
     """Unknowns and derived quantities of the corner plot; default: `parameters`."""
     size: Literal["single", "double"] = "double"
     """Width of figures: 3.4 in, one column of a page, or 7 in."""
     formats: Annotated[list[Format], Field(min_length=1, max_length=3)] | None = None
-    """Of all figures; default: png, and pdf of corner plots and where no report is written."""
+    """Formats of figures; default: png, and pdf for corner plots or without a report."""
     dpi: Annotated[int, Field(ge=50, le=1200)] = 220
-    """Pixels to an inch, of png and of dots in the others."""
+    """Pixels per inch, of png and of dots in other formats."""
 
     @property
     def formats_or_default(self) -> tuple[str, ...]:
@@ -263,44 +263,44 @@ class ChannelSpec(Series):
     """Noise standard deviation in the column's unit, or its prior when unknown."""
     noise: Annotated[NoiseSpec, shorthand("name")] = NoiseSpec()
     wraps: WrapsEntry | None = None
-    """An angle that begins again: `true` after a turn, or after so much [unit]."""
+    """Where an angle wraps: `true` after one turn, or a period in the column's unit."""
     derived_from: str | None = None
-    """The channel of which this one is the derivative: it is no evidence."""
+    """The channel from which this one was differentiated; the derivative is not fitted."""
 
 
 @with_member_entries("format", _OPTIONS)
 class RecordSpec(Strict):
-    """The record section names the file, its times and its channels."""
+    """The record section names a file, its times and its channels."""
 
     file: str = Field(description="Relative to the folder of the config.")
     format: str | None = Field(None, description="Default: by the file's ending.")
     rows: Rows | None = None
-    """Use the rows from the first to the second only, by the numbers that messages give."""
+    """Use only the rows from the first to the second, by the numbers that messages give."""
     time: TimeSpec
     window: Windows | None = None
-    """Use the samples from the first to the second time [s] only; or several."""
+    """Use only the samples from the first to the second time [s]; several windows may be given."""
     held_out: Windows | None = Field(
         None,
-        description="Samples from the first to the second time [s], or several such stretches, that are "
-        "no evidence: `compare` says how well each model predicts them.",
+        description="Samples from the first to the second time [s], or in several such windows, "
+        "that are not fitted: `compare` scores their prediction by each model.",
     )
     missing: Literal["drop"] | None = None
-    """`drop`: of a channel, missing samples are left out; default: an error."""
+    """`drop`: missing samples of a channel are left out; default: an error."""
     decimate: DecimateSpec | None = None
     channels: Annotated[dict[str, ChannelSpec], Field(min_length=1, max_length=MAX_NAMED)]
 
 
-DELAY = "t_0"  # entry of the delay that all inputs have
+DELAY = "t_0"  # entry of the common delay of all inputs
 
 
 class Inputs(NamedSection):
-    """The inputs depend on the rig: its model defines which ones it has and needs."""
+    """The inputs depend on the rig: its model defines the possible and the required ones."""
 
     __pydantic_extra__: dict[str, Any]
 
     @classmethod
     def defaults(cls, words: Vocabulary) -> Mapping[str, float | None]:
-        """Return zero for inputs without which the rig moves all the same, and None for others."""
+        """Return zero for loads, without which the rig moves too, and None for other inputs."""
         return {name: 0.0 if name in words.idle else None for name in (*words.entries, DELAY)}
 
 
@@ -315,23 +315,23 @@ class Initial(NamedSection):
         return dict.fromkeys(words.starts, 0.0)
 
     time: Number | None = None
-    """[s] default: 0 with constant inputs, the first sample with measured ones."""
+    """Time [s]; default: 0 with constant inputs, the first sample with measured ones."""
     state: Literal["given", "steady", "free"] = Field(
         "given",
-        description="given: what is not named is zero; steady: turning steadily under the first inputs; "
-        "free: what is not named is unknown, with priors as wide as the channels.",
+        description="State of what is not named. given: zero; steady: the rig turns steadily "
+        "under the first inputs; free: unknown, with priors as wide as the channels.",
     )
 
 
 class ExperimentSpec(Strict):
-    """An experiment of several has entries of its own; all others stand at the top of the config."""
+    """One of several experiments has own entries; all others are at the top of the config."""
 
     record: dict[str, Any] = Field(default_factory=dict, description="Entries as in `record:`.")
     inputs: dict[str, Any] = Field(default_factory=dict, description="Entries as in `inputs:`.")
     initial: dict[str, Any] | str = Field(default_factory=dict)
     """Entries as in `initial:`."""
     parameters: dict[str, Any] = Field(
-        default_factory=dict, description="Numbers and formulas that it holds by itself."
+        default_factory=dict, description="Numbers and formulas that this experiment fixes."
     )
     held_out: bool = False
-    """No sample of it is evidence: `compare` says how well each model predicts it."""
+    """No sample of this experiment is fitted: `compare` scores its prediction by each model."""

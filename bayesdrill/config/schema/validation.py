@@ -1,7 +1,7 @@
-"""Read a config: sections with names of the rig entry by entry, each as its symbol allows.
+"""Validate a config, and sections with names of the rig by the bounds of each symbol.
 
-Which names a section may have, and the bounds of their numbers, depend on the rig's vocabulary. All
-other entries are those of the classes in `config` and `records`.
+The names of a section, and the bounds of their numbers, depend on the rig's vocabulary. The classes
+in `config` and `records` define all other entries.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from bayesdrill.config.schema.records import DELAY, AngleColumn, Initial, Inputs
 from bayesdrill.config.schema.vocabulary import HOUSE, Vocabulary
 
 Place = tuple[str, ...]
-EntryError = dict[str, Any]  # as pydantic describes it; see `read_entry`
+EntryError = dict[str, Any]  # the form of pydantic's errors; see `read_entry`
 
-# The classes of all sections with names of the rig, and of those that contain them.
+# Classes of the sections with names of the rig, and of sections that contain them.
 SECTIONS: Mapping[Place, type[Strict]] = {
     (): Config,
     ("parameters",): Parameters,
@@ -61,7 +61,7 @@ def _with_number(spec: Any, number: Any) -> Any:
 
 @cache
 def named_entries(words: Vocabulary) -> Mapping[Place, Mapping[str, Any]]:
-    """Return the types of the entries that this vocabulary names, by section and name."""
+    """Return the type of each entry that this vocabulary names, by section and name."""
     entries: dict[Place, dict[str, Any]] = {place: {} for place in SECTIONS}
     for name, symbol in words.parameters.items():
         fixed = _limited(symbol, _HELD[symbol.held])
@@ -102,9 +102,9 @@ def adapter(kind: Any) -> TypeAdapter[Any]:
 def read_config(
     data: Any, words: Vocabulary, known: tuple[Any, Config] | None = None
 ) -> tuple[Config | None, list[EntryError]]:
-    """Return the config of plain data, and the errors of all entries; with an error it is None.
+    """Return the config from plain data (None if it has errors), and the errors of all entries.
 
-    Entries that stand alike in the plain data of a `known` config are not validated again.
+    Entries that are equal in the plain data of a `known` config are not validated again.
     """
     errors: list[EntryError] = []
     if known is not None and known[1].vocabulary == words:
@@ -117,9 +117,9 @@ def read_config(
 def read_entry(
     kind: Any, value: Any, place: Place, words: Vocabulary | None = None
 ) -> tuple[Any, list[EntryError]]:
-    """Return the validated value at a place, and its errors; with an error it is None.
+    """Return the validated value at a place (None if it has errors), and its errors.
 
-    An error is as pydantic has it, with `kind`: the type of the entry at `loc[:depth]`.
+    An error is pydantic's mapping with an added `kind`, the type of the entry at `loc[:depth]`.
     """
     try:
         return adapter(kind).validate_python(value, context=words), []
@@ -129,8 +129,8 @@ def read_entry(
 
 
 def _with_known(data: Any, plain: Any, validated: Any) -> Any:
-    """Return data with the `validated` entries of other `plain` data wherever both are alike."""
-    if repr(data) == repr(plain):  # `==` would take 1, 1.0 and true for the same
+    """Return data in which entries that equal those of `plain` are replaced by `validated` ones."""
+    if repr(data) == repr(plain):  # `==` does not distinguish 1, 1.0 and true
         return validated
     if not (isinstance(data, dict) and isinstance(plain, dict)):
         return data

@@ -17,14 +17,14 @@ from bayesdrill.rig.models.linear import Model, with_all, with_named
 
 @dataclass(frozen=True, kw_only=True)
 class Vocabulary:
-    """A vocabulary has the symbols of a rig, with all optional physics, by name and in its order."""
+    """A vocabulary has the symbols of a rig with all optional physics, in the rig's order."""
 
     parameters: Mapping[str, Symbol]
     states: Mapping[str, Symbol]
     inputs: Mapping[str, Symbol]
-    combined: Mapping[str, Symbol]  # combinations of states after which channels may be named
+    combined: Mapping[str, Symbol]  # combinations of states whose names a channel may have
     inner: frozenset[str]  # states without an initial value in the config
-    angles: Mapping[str, Symbol]  # angles that may replace a speed, by the name of the speed
+    angles: Mapping[str, Symbol]  # angles that may replace a speed, by the name of that speed
     idle: frozenset[str]  # inputs that are zero unless they are named
     inertias: tuple[str, ...]
 
@@ -38,7 +38,7 @@ class Vocabulary:
 
     @cached_property
     def signals(self) -> Mapping[str, Symbol]:
-        """Return the symbols after which a channel may be named without `measures:`."""
+        """Return the symbols whose names a channel without `measures:` may have."""
         return {**self.states, **self.combined}
 
     @cached_property
@@ -48,13 +48,13 @@ class Vocabulary:
 
     @cached_property
     def entries(self) -> Mapping[str, Symbol]:
-        """Return the symbols of inputs, each before the angle that may replace it, by entry."""
+        """Return the symbols of inputs by entry; an angle follows the input that it may replace."""
         pairs = ((symbol, self.angles.get(name)) for name, symbol in self.inputs.items())
         return {symbol.name: symbol for pair in pairs for symbol in pair if symbol is not None}
 
 
 def idle_inputs(rig: Model) -> set[str]:
-    """Return the loads of a rig, without which it moves all the same; they are zero by default."""
+    """Return the inputs that are loads of a rig and zero by default."""
     pushes = {name for inertia in rig.roles.inertias for name in (inertia.load, inertia.torque)}
     return {name for name in pushes & {*rig.inputs} if not rig.symbols[name].drives}
 

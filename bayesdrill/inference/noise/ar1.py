@@ -24,7 +24,7 @@ from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
 
-GAP_TOLERANCE = 1e-3  # a gap this near a whole number of intervals is one, as times are rounded
+GAP_TOLERANCE = 1e-3  # a gap this near to a whole number is whole, as times are rounded
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class ChannelSpacing:
     """A channel has `count` samples, at `rows` of the record, with gaps between them.
 
     `gaps (n - 1,)` of the channel's samples and `all_gaps (T - 1,)` of all rows are in typical
-    intervals; None if all are one.  Methods take residuals `(W, n)` and `rho (W,)`.
+    intervals, or None if all gaps are one.  Methods take residuals `(W, n)` and `rho (W,)`.
     """
 
     rows: slice | Indices
@@ -43,7 +43,7 @@ class ChannelSpacing:
     def conditional(self, rho: Any) -> tuple[Any, Any]:
         """Return the weight of the previous sample in the conditional mean, and the conditional sd.
 
-        Both are `(W, n)`, and the sd is over sigma.  For the first sample they are zero and one.
+        Both are `(W, n)`, and the sd is over sigma.  The first sample has 0 and 1.
         """
 
         def with_first(weights: Array) -> Array:
@@ -149,8 +149,8 @@ def _without_memory(samples: Any, weight: Any) -> Any:
 def _sum_weights(rho: Any) -> list[Any]:
     """Return the three weights of `Residuals.neighbours` for even samples and sigma 1.
 
-    Let S, D and E be sums of squares of samples, of steps and of both ends.  Innovations over their sd
-    have squares that sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2), without cancelling.
+    Let S, D and E be sums of squares of samples, of steps and of both ends.  The squared
+    innovations over their variance sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2).
     """
     over = 1.0 / (1.0 + rho)
     return [(1.0 - rho) * over, rho * over / (1.0 - rho), rho * over]
@@ -174,7 +174,7 @@ class AR1Entries:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AR1:
-    """Its unknowns are the sigmas of all channels, then their correlations.
+    """The unknowns of AR(1) noise are the sigmas of all channels, then their correlations.
 
     `spacing` is None if samples are evenly spaced and none is missing.
     """

@@ -24,8 +24,8 @@ from bayesdrill.rig.simulators.contract import Simulator
 class NoisyChannel:
     """A noisy channel has the noise that its config declares.
 
-    `sigma` is a number, SI, or a prior, for which a search begins at `start`.  `entries` are those
-    that the `kind` of noise defines, None if not given.  `factor` is SI units per unit of the column.
+    `sigma` is a number, SI, or a prior, for which a search begins at `start`.  The `kind` of noise
+    defines the `entries`, each None if not given.  `factor` is SI units per unit of the column.
     """
 
     channel: Channel
@@ -77,7 +77,7 @@ class SimulatorResiduals:
         return self.response.intervals(self.full, over, half)
 
 
-UNBOUNDED_HALF = 1e3  # half-width, in sds, of an interval so wide that its probability is one
+UNBOUNDED_HALF = 1e3  # half-width, in sds, of an interval with probability one
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,15 +145,15 @@ class Noise(Protocol):
         """Return the same noise for a record of another length.
 
         A noise that allows missing samples also has one of two methods.  `with_counts(counts)` gives
-        the noise for these numbers of samples of each channel.  If times matter, `at_times(t, seen)`
-        gives that for times `t (T,)` at which channels were `seen (T, K)`.  Missing residuals are NaN,
-        and remain NaN when they are whitened.
+        the noise for these numbers of samples of each channel.  If times matter, `at_times(t,
+        seen)` gives the noise for times `t (T,)` at which channels were `seen (T, K)`.  Missing
+        residuals are NaN, and remain NaN when they are whitened.
         """
 
     def fixed_values(self) -> Mapping[int, object]:
         """Return fixed values by index of the channel, which must be the same in a resumed run.
 
-        Beside them results identify a noise by its `key` of plain data, or by its class without one.
+        Results also identify a noise by its `key` of plain data, or else by its class.
         """
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
@@ -162,7 +162,7 @@ class Noise(Protocol):
     def pointwise(self, samples: Any, theta: Any) -> Any:
         """Return the log density `(W, T, K)` of each sample given those before it.
 
-        Samples and unknowns are arrays, or both are `duals.Dual`, and then the result is one, too.
+        If samples and unknowns are `duals.Dual` instead of arrays, so is the result.
         """
 
     def scales(self, theta: Array) -> Array:
@@ -218,7 +218,7 @@ class NoiseKind(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ChannelNumbers:
-    """Each channel has a number, which is `fixed` or, if None, a column of unknowns from `first` on."""
+    """Each channel's number is `fixed`; if None, it is an unknown in the columns from `first`."""
 
     fixed: tuple[float | None, ...]
     first: int
@@ -231,7 +231,7 @@ class ChannelNumbers:
     def unknowns(
         self, channels: Sequence[NoisyChannel], letter: str, meaning: str, **declared: Any
     ) -> tuple[Unknown, ...]:
-        """Return unknowns `<letter>_<channel>`; further fields of `Unknown` are in `declared`."""
+        """Return unknowns `<letter>_<channel>`; `declared` has further fields of `Unknown`."""
         unknowns = []
         for channel in (channels[k].channel for k in self.free):
             latex = rf"\{letter}_{{{channel.latex}}}"
@@ -252,9 +252,9 @@ class ChannelNumbers:
 
 
 SCORING_STEPS = 100  # largest number of steps of a fit
-SMALL_STEP = 1e-4  # a fit ends with a step that is not larger
-LARGEST_STEP = 1.0  # bound on a step of a log, or of a number between two ends
-END_MARGIN = 1e-4  # distance that a fit keeps from an end, over that of both ends
+SMALL_STEP = 1e-4  # a fit ends when no step is larger
+LARGEST_STEP = 1.0  # bound on a step of the log, or of the probit
+END_MARGIN = 1e-4  # distance that a fit keeps from both ends, over their distance
 
 
 def fit_noise(noise: Noise, residuals: Residuals, theta: Array) -> Array:
@@ -299,7 +299,7 @@ def pair_matrix(pairs: Array, channel_indices: tuple[list[int], list[int]]) -> A
     """Return the matrix `(..., n, n)` by unknowns from blocks `pairs (..., K, 2, 2)` by channel.
 
     A channel has two numbers.  `channel_indices` lists the channels whose first number is unknown,
-    and those whose second is; the unknowns have this order.
+    then those whose second number is unknown.  The unknowns have this order.
     """
     unknowns = [(k, which) for which, channels in enumerate(channel_indices) for k in channels]
     k, which = np.array(unknowns, dtype=np.intp).reshape(-1, 2).T

@@ -1,7 +1,7 @@
 """Quantised noise is Gaussian and rounded to known steps, as encoders and converters do.
 
-A sample tells only the interval that was rounded to its value.  Its likelihood is the probability of
-this interval over the step, as for a density.  The noise may be much smaller than a step.
+A sample only tells which interval was rounded to its value.  The likelihood of the sample is the
+probability of this interval over the step.  The noise may be much smaller than a step.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from bayesdrill.inference.noise.contract import NoisyChannel, Residuals
 from bayesdrill.inference.noise.white import IndependentNoise, White
 from bayesdrill.inference.unknowns import Unknown
 
-MIN_KERNEL_HALF_STEP = 0.2  # half a step over sigma; below, sums of the kernels lose digits
-MAX_DISTANCE = 9.0  # sigmas from the end of an interval, beyond which information is negligible
+MIN_KERNEL_HALF_STEP = 0.2  # half a step over sigma, below which sums of the kernels lose digits
+MAX_DISTANCE = 9.0  # in sigmas from the end of an interval: information beyond is negligible
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(160)
 _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
-_DESCRIPTION = "What was rounded to [unit of the column]"
+_DESCRIPTION = "Step to which samples were rounded, in the unit of the column"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Quantised(IndependentNoise):
         missing = [c.channel.name for c in channels if c.entries.get("step") is None]
         if missing:
             raise ValueError(
-                f"of what is quantised the step must be known ({', '.join(missing)}); write "
+                f"a quantised channel needs a known step ({', '.join(missing)}); write "
                 "{name: quantised, step: ...}, in the unit of the column"
             )
         steps = tuple(float(c.entries["step"]) * c.factor for c in channels)
@@ -81,7 +81,7 @@ class Quantised(IndependentNoise):
         fine = (half < MIN_KERNEL_HALF_STEP).any(axis=1)
         if fine.any():
             terms = self.pointwise(residuals.samples[fine], theta[fine])
-            failed = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # beyond missing samples
+            failed = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # not missing
             exact = np.where(failed, np.nan, np.nansum(terms, axis=1))
             log_mass[fine] = np.where(half[fine] < MIN_KERNEL_HALF_STEP, exact, log_mass[fine])
         return np.asarray(log_mass)
@@ -91,7 +91,7 @@ class Quantised(IndependentNoise):
         return self._log_mass(samples, scales) - np.log(self.steps)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return normal numbers drawn inside the samples' intervals, by the same draw for all W."""
+        """Return normal numbers drawn in the samples' intervals, from the same draws for all W."""
         uniform = np.random.default_rng(0).random(samples.shape[1:])
         sigma, half = self.levels.scales(theta)[:, None], 0.5 * np.array(self.steps)
         return _Interval((samples - half) / sigma, (samples + half) / sigma).quantile(uniform)

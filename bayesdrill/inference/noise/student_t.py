@@ -1,7 +1,7 @@
 """Student's t noise is independent and has heavy tails; scale and degrees may be unknown.
 
-Outliers occur now and then, and count for less the farther off they are.  `sigma` is the scale of
-the distribution, whose standard deviation is larger.
+Outliers occur now and then; farther ones have less weight in a fit.  `sigma` is the scale of the
+distribution, whose standard deviation is larger.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class StudentTEntries:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudentT(IndependentNoise):
-    """Its unknowns are the scales of all channels, then their degrees of freedom."""
+    """The unknowns are the scales of all channels, then their degrees of freedom."""
 
     levels: White
     degrees: ChannelNumbers

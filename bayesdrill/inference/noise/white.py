@@ -22,8 +22,8 @@ from bayesdrill.inference.unknowns import Unknown
 class White:
     """White noise has the log density `-T/2 log(2 pi sigma^2) - SS / (2 sigma^2)` per channel.
 
-    SS is the sum of squared residuals.  `known` maps indices of channels to a given sigma, SI; that
-    of others is unknown.  `counts (K,)` are numbers of samples, if some are missing.
+    SS is the sum of squared residuals.  `known` maps indices of channels to a given sigma in SI;
+    other sigmas are unknown.  `counts (K,)` are numbers of samples, if some are missing.
     """
 
     n_samples: int
@@ -37,7 +37,7 @@ class White:
 
     @classmethod
     def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> White:
-        """Build the noise of these channels; those whose sigma is a prior become unknowns."""
+        """Build the noise of these channels; a sigma with a prior becomes an unknown."""
         known, levels = dict[int, float](), []
         for k, noisy in enumerate(channels):
             if isinstance(noisy.sigma, float):

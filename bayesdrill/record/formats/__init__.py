@@ -1,4 +1,4 @@
-"""Register formats of record files; others come from the entry point `bayesdrill.format`."""
+"""Register formats of record files; the entry point `bayesdrill.format` adds others."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from bayesdrill.record.formats import arrays, csv, json, logs, matlab, parquet
 from bayesdrill.record.formats.csv import CsvOptions
 from bayesdrill.record.formats.table import RecordTable
 
-Wanted = Collection[str] | None  # names of the variables that will be picked; None: all
+Wanted = Collection[str] | None  # names of the required variables; None stands for all
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A format says how its files end, and how they are read.
+    """A format has the endings of its files, and the function that reads them.
 
     `suffixes` are endings in lower case. `options` is a dataclass whose annotated fields are entries of
     `record:`. `read(path, options, wanted)` raises `InputError`.

@@ -19,7 +19,7 @@ ITSELF = "save the numbers themselves in this file"
 
 
 def _add(table: RecordTable, name: str, values: np.ndarray[Any, Any]) -> None:
-    """Add a real array up to 2-D, with `(T, 1)` and `(1, T)` as `(T,)`; others are noted as ignored."""
+    """Add a real array of one or two dimensions; list any other array as ignored."""
     if values.dtype.kind == "c":
         table.ignored[name] = "is complex; save its real part"
     elif values.dtype.kind not in _NUMERIC:
@@ -35,7 +35,7 @@ def _add(table: RecordTable, name: str, values: np.ndarray[Any, Any]) -> None:
 
 
 def add_fields(table: RecordTable, name: str, values: np.ndarray[Any, Any]) -> None:
-    """Add an array, or the fields of its records; the longer side is time, as writers differ."""
+    """Add an array, or the fields of its records; the longer side of a matrix is time."""
     if values.dtype.names:
         for field_name in values.dtype.names:
             add_fields(table, f"{name}.{field_name}", values[field_name])
@@ -49,7 +49,7 @@ CUT_SHORT = "is damaged or cut short ({}); copy or save it again"
 
 
 def too_large(shape: tuple[int, ...], itemsize: int) -> str:
-    """Return why an array is too large to be read; empty if it is not. Nothing is allocated."""
+    """Return the reason why an array is too large to be read, or an empty text."""
     size = itemsize * float(np.prod(np.array(shape, dtype=np.float64)))
     if size <= LARGEST_FILE:
         return ""
@@ -66,7 +66,7 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
         message = "is a MATLAB file; give it the ending .mat, or write format: mat"
         raise InputError.at(str(path), message)
     table = RecordTable(path=path)
-    # `table.speed` is a field of `table`, or a name with a point in it.
+    # `table.speed` is a field of `table`, or a name that contains a point.
     paths = [accumulate(name.lstrip("/").split("."), "{}.{}".format) for name in wanted or ()]
     used = None if wanted is None else {*chain.from_iterable(paths)}
     broken = "is not an HDF5 file; save it with h5py, or rename it to match its format"
@@ -93,12 +93,12 @@ def datasets(
 ) -> Iterator[tuple[str, Any]]:
     """Yield names and items of an HDF5 file that are `used`; None stands for all.
 
-    Groups are `called` by that noun in messages.  Items that are left out are added to `table` with the
-    reason, for which `unfit(name, item)` is asked.  Names that begin with `hidden` belong to the writer.
+    Messages use the noun `called` for groups. If `unfit(name, item)` returns a reason, the item is
+    ignored and `table` keeps the reason. Names that begin with `hidden` are the writer's own.
     """
     import h5py
 
-    groups = set[int]()  # their addresses: hard links may form cycles
+    groups = set[int]()  # addresses of visited groups, as hard links may form cycles
 
     def below(group: Any, prefix: str) -> Iterator[tuple[str, Any]]:
         for member in group:
@@ -117,7 +117,7 @@ def datasets(
                 else:
                     table.unread.append(name)
             elif (address := h5py.h5o.get_info(item.id).addr) in groups:
-                table.ignored[name] = f"is the same {called} under a second name; give the first"
+                table.ignored[name] = f"is a second name of the same {called}; give the first"
             else:
                 groups.add(address)
                 yield from below(item, f"{name}{separator}")
@@ -126,7 +126,7 @@ def datasets(
 
 
 def _unfit_dataset(item: Any) -> str:
-    """Return why an item holds no plain numbers of its own; empty if it does."""
+    """Return the reason why an item holds no plain numbers; empty for plain numbers."""
     import h5py
 
     if not isinstance(item, h5py.Dataset):
@@ -190,7 +190,7 @@ def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
 
 
 def _unfit_array(name: str, file: zipfile.ZipFile, member: str) -> str:
-    """Return why an array, by its header alone, holds no plain numbers; empty if it does."""
+    """Return the reason why an array, by its header, holds no plain numbers, or an empty text."""
     with file.open(member) as stream:
         version: Any = np.lib.format.read_magic(stream)
         if version not in _HEADERS:

@@ -23,10 +23,10 @@ from bayesdrill.record.formats.table import RecordTable, decode, keys_of
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CsvOptions:
-    """The options describe how a text table is written; None means that it is found out.
+    """The options describe how a text table is written; None stands for detection.
 
-    `delimiter` is one character; a blank stands for runs of white space. `decimal` is "." or ",".
-    `skip_rows` counts all lines of the file, also blank ones and comments.
+    `delimiter` is one character; a blank means runs of white space. `decimal` is "." or ",".
+    `skip_rows` counts all lines of the file, including blank lines and comments.
     """
 
     delimiter: Annotated[str, Field(description="Default: found out")] | None = None
@@ -68,14 +68,14 @@ _KINDS: tuple[tuple[str, str], ...] = (
         rf"{_NUMBER}\s*[-+]\s*{_NUMBER}\s*\*?[ij]",
         "complex numbers are not read: save the real part",
     ),
-    (rf"{_NUMBER}\s*(#|%|//).+", "a comment may only stand in a line of its own: remove it"),
+    (rf"{_NUMBER}\s*(#|%|//).+", "a comment needs a line of its own: remove it"),
     (
         rf"{_NUMBER}\s*%",
-        "percent signs are not read: remove them, and say in the unit what a percent is",
+        "percent signs are not read: remove them, and give the unit of a percent",
     ),
     (
         rf"{_NUMBER}\s*[a-zA-Z\u00b0\u00b5\u03bc][^\s\d]*",
-        "units do not stand in cells: remove them, and give the unit in the config",
+        "units in cells are not read: remove them, and give the unit in the config",
     ),
 )
 
@@ -92,12 +92,12 @@ LONGEST_LINE = 200_000  # characters, enough for ten thousand columns
 _LONGEST_NUMBER = 400  # characters; Python takes minutes for a million digits
 
 _MISSING = frozenset({"na", "n/a", "#n/a", "null", "none", "--", "#div/0!", "1.#qnan", "1.#ind"})
-_POWER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d+")  # as Fortran writes it
+_POWER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d+")  # Fortran's exponents
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextLines:
-    """The text lines are those with content, their numbers from 1, and the `comment` before them."""
+    """The lines with content have numbers from 1, and may have a `comment` before them."""
 
     path: Path
     texts: list[str]
@@ -150,7 +150,7 @@ def split(line: str, separator: str | None) -> list[str]:
         return [cell.strip('"') for cell in re.findall(r'"[^"]*"|\S+', line)]
     try:
         return next(csv.reader([line], delimiter=separator, skipinitialspace=separator != "\t"))
-    except csv.Error:  # a cell of more than 128 kB, after a quote that is not closed
+    except csv.Error:  # a cell of more than 128 kB after an unclosed quote
         return line.split(separator)
 
 
@@ -165,7 +165,7 @@ def to_number(cell: str, decimal: str) -> float | None:
         cell = cell.replace("D", "e").replace("d", "e")
     if decimal == ",":
         if "." in cell:
-            return None  # ambiguous: in 1.234,5 or 1.5 the point may separate thousands
+            return None  # the point in 1.234,5 or 1.5 may separate thousands
         cell = cell.replace(",", ".")
     try:
         return None if "_" in cell else float(cell)
@@ -179,7 +179,7 @@ def short(text: str) -> str:
 
 
 def without_empty_tail(lines: TextLines, dialect: Dialect) -> TextLines:
-    """Drop the `;;;;` lines that spreadsheets add at the end; elsewhere they are missing rows."""
+    """Drop `;;;;` lines at the end, which spreadsheets add; elsewhere they are missing rows."""
     count = len(lines.texts)
     while count > 1 and not lines.texts[count - 1].strip(f' "{dialect.separator or ""}'):
         count -= 1
@@ -187,7 +187,7 @@ def without_empty_tail(lines: TextLines, dialect: Dialect) -> TextLines:
 
 
 def without_line_marks(lines: TextLines, options: CsvOptions) -> TextLines:
-    """Strip a mark that ends lines, as in `1, 2;`, if more cells are numbers without it."""
+    """Strip a mark at the end of lines, as in `1, 2;`, if more cells are then numbers."""
     before = _score(lines.texts, find_dialect(lines.texts, options))
     for mark in ";,|":
         if lines.texts[-1].rstrip().endswith(mark):
@@ -232,7 +232,7 @@ def _score(texts: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
     if whole and len(rows[0]) == width and not number_shares[0]:
         number_shares[0] = 0.9
     score = sum(number_shares)
-    # Any text can be read as a single column, so this needs nearly all cells to be numbers.
+    # Any text has a single column, so a table of one column needs numbers in nearly all cells.
     if width == 1 and min(number_shares) < 0.9:
         score /= 2
     return round(score, 9), width > 1
@@ -255,19 +255,19 @@ def without_trailing_delimiter(body: TextLines, header: str | None, dialect: Dia
     return body if named else dataclasses.replace(body, texts=[line[:-1] for line in texts])
 
 
-_CHUNK = 20_000  # rows parsed at once, to bound memory and to limit the slow path to faulty chunks
-_SHOWN = 5  # faults of each kind that are listed
-_LONG = 10_000  # characters of a line beyond which each cell is checked before it is read
+_CHUNK = 20_000  # rows parsed at once, so that only faulty chunks are parsed slowly
+_SHOWN = 5  # number of faults of each kind that are listed
+_LONG = 10_000  # length of a line from which cells are checked before they are read
 
 
 class _Faults:
-    """Faults of one kind are counted, and the first few kept, so that a wrong file stays cheap."""
+    """Faults of one kind are counted, but only the first few are kept, to save memory."""
 
     def __init__(self, what: str) -> None:
         self.what = what
         self.count = 0
         self.first: list[Issue] = []
-        self.cells: list[str] = []  # those of the first faults
+        self.cells: list[str] = []  # the first faulty cells
 
     def add(self, location: str, message: str, cell: str = "") -> None:
         self.count += 1
@@ -295,12 +295,12 @@ def parse(body: TextLines, dialect: Dialect, names: Sequence[str]) -> Array:
         if part is None:
             part = _parse_carefully(chunk, dialect, names, ragged, bad)
         parts.append(part)
-    mend = "correct the rows or remove them, or check delimiter and decimal"
+    mend = "correct or remove the rows, or check delimiter and decimal"
     problems = ragged.report(body.path, mend)
     if bad.count:
         advice = "; ".join(advice_of_cells(bad.cells)) or _cell_advice(bad, dialect)
         if {problem.place for problem in bad.first} == {body.location(0)} and bad.count < _SHOWN:
-            advice = f"{advice}; if that line is not one of the record, remove it"
+            advice = f"{advice}; if that line does not belong to the record, remove it"
         problems += bad.report(body.path, advice)
     if problems:
         raise InputError(problems)
@@ -308,7 +308,7 @@ def parse(body: TextLines, dialect: Dialect, names: Sequence[str]) -> Array:
 
 
 def _parse_fast(texts: list[str], dialect: Dialect, width: int) -> Array | None:
-    """Return rows without faults and empty cells as `(T, n)`, quickly; None if there are any."""
+    """Return rows without faults or empty cells as `(T, n)`, quickly; None for other rows."""
     mark = dialect.separator
     if dialect.decimal == ",":
         if mark == "," or any("." in text for text in texts):
@@ -355,9 +355,9 @@ def _cell_advice(bad: _Faults, dialect: Dialect) -> str:
     return f"{advice}; to pass over text above the numbers set skip_rows and header: false"
 
 
-_SAMPLE = 500  # rows at each end of a file in which numbers are looked for
-_ROWS_OF_WORDS = 3  # rows of units, kinds or descriptions below the header
-_LONGEST_HEAD = 200  # lines above the header, with settings of a recorder
+_SAMPLE = 500  # rows at each end of a file from which the dialect is found
+_ROWS_OF_WORDS = 3  # most rows of units or descriptions below the header
+_LONGEST_HEAD = 200  # most lines with settings of a recorder above the header
 
 
 def read(path: Path, options: CsvOptions, _: object = None) -> RecordTable:
@@ -373,7 +373,7 @@ def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
     """Read the table in a text that is, or will be, the content of the file `path`."""
     check_options(path, options)
     lines = read_lines(path, text, options.skip_rows)
-    del text  # it may be as large as a file
+    del text  # frees the memory of a large file
     lines = without_line_marks(lines, options)
     dialect = find_dialect(lines.texts, options)
     lines = without_empty_tail(lines, dialect)
@@ -385,7 +385,7 @@ def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
         message = f"has a header but no data: nothing follows line {last}"
         raise InputError.at(str(path), f"{message}; record again, or set header: false")
     if options.decimal is None and dialect.separator != ",":
-        # The sample may lack the decimal comma, if the rig stood still there.
+        # The sample may lack the decimal comma if the rig stood still.
         commas = any("," in line for line in body.texts)
         commas = commas and not any("." in line for line in body.texts)
         dialect = Dialect(dialect.separator, "," if commas else dialect.decimal)
@@ -406,7 +406,7 @@ def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
 
 
 def check_options(path: Path, options: CsvOptions) -> None:
-    """Raise InputError for a delimiter or decimal sign with which no table can be written."""
+    """Raise InputError for a delimiter or decimal sign that no table can have."""
     mark, problems = options.delimiter, []
     if mark is not None and len(mark) != 1:
         problems.append(f"delimiter {mark!r} is not one character; use , ; | or a tab")
@@ -454,7 +454,7 @@ def _split_header(
 
 
 def _census(line: str, dialect: Dialect) -> tuple[int, list[str]]:
-    """Return the number of numeric cells of a line, and its cells with words."""
+    """Return the number of numeric cells of a line, and its other cells."""
     cells = [cell for cell in split(line, dialect.separator) if cell.strip()]
     words = [cell for cell in cells if to_number(cell, dialect.decimal) is None]
     return len(cells) - len(words), words
@@ -466,7 +466,7 @@ def _are_words(cells: list[str]) -> bool:
 
 
 def _check_numbers(body: TextLines, dialect: Dialect) -> None:
-    """Raise InputError if no cell is a number; the message quotes nothing of such a file."""
+    """Raise InputError, which quotes nothing of the file, if no cell is a number."""
     sample = [*body.texts[:_SAMPLE], *body.texts[-_SAMPLE:]]
     cells = (cell.strip() for line in sample for cell in split(line, dialect.separator))
     if not any(re.fullmatch(r"[-+.,\deE_]*\d[-+.,\deE_]*|[nN]a[nN]", cell) for cell in cells):
@@ -483,7 +483,7 @@ def _names(
     names = _header_cells(header, dialect, width)
     if (count := len(names)) == width:
         return keys_of(names)
-    why = "if it is a title, set skip_rows to begin below it; otherwise check delimiter and decimal"
+    why = "if this line is a title, skip it with skip_rows; otherwise check delimiter and decimal"
     if other := [mark for mark in ",;\t|" if len(split(header, mark)) == width > 1]:
         why = (
             f"its names are separated by {other[0]!r}, unlike the numbers; write both the same way"
@@ -497,7 +497,7 @@ def _names(
 
 
 def _in_comment(lines: TextLines, dialect: Dialect, width: int) -> dict[str, str]:
-    """Return why names that stand in the comment before the data cannot be picked."""
+    """Return names in the comment before the data, with the reason why they cannot be picked."""
     names = _header_cells(lines.comment[1:], dialect, width)
     if len(names) != width:
         return {}
@@ -509,7 +509,7 @@ def _header_cells(header: str, dialect: Dialect, width: int) -> list[str]:
     names = [re.sub("^'(.+)'$", r"\1", name.strip()) for name in split(header, dialect.separator)]
     if dialect.separator is not None:
         return names[:width] if len(names) == width + 1 and not names[-1] else names
-    # In `t [s]  w_1 [rpm]` a blank may separate names or be part of one, which is found by trial.
+    # In `t [s] w_1 [rpm]` blanks separate names and are parts of names, so both are tried.
     with_units = re.findall(r'"[^"]*"|[^\s\[(]+(?:\s*(?:\[[^\[\]]*\]|\([^()]*\)))?', header)
     columns = re.split(r"\s{2,}|\t", header.strip())
     for guess in (names, with_units, columns):

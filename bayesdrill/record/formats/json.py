@@ -1,4 +1,4 @@
-"""Read JSON: columns of numbers, lists of records and tables of rows, at any depth of names."""
+"""Read JSON: columns of numbers, lists of records and tables of rows, at any depth."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from bayesdrill.record.formats.arrays import add_fields
 from bayesdrill.record.formats.table import RecordTable, decode
 
 _BLANK = re.compile(r"[\s,]*")
-MAX_KEYS = 1000  # names of the records in a list, each of which becomes a column
+MAX_KEYS = 1000  # largest number of names of records, each of which becomes a column
 FRC_TEST = re.compile("(slow|fast)-(forward|backward)")  # frc-characterization writes no names
-# Columns of a mechanism and of a drive that SysId logs, by the number of columns.
+# Names of the columns in SysId's logs of a mechanism and of a drive, by their number.
 SYSID_COLUMNS = {
     4: ("time [s]", "voltage [V]", "position", "speed"),
     9: (
@@ -41,7 +41,7 @@ def read(path: Path) -> RecordTable:
 
 
 def _parse(text: str) -> Any:
-    """Return the value of a JSON text; several values in sequence, as loggers write them, are a list."""
+    """Return the value of a JSON text; a sequence of values, as in logs, becomes a list."""
     values, at = list[Any](), _BLANK.match(text, 0).end()  # type: ignore[union-attr]
     while at < len(text):
         value, at = json.JSONDecoder().raw_decode(text, at)
@@ -51,7 +51,7 @@ def _parse(text: str) -> Any:
 
 
 def _with_names(log: dict[str, Any]) -> dict[str, Any]:
-    """Return a log with names above the rows of the tests of a robot, which have none."""
+    """Return a log of frc-characterization with a row of names above the rows of each test."""
     drive = SYSID_COLUMNS[9] if log.get("sysid") is True else FRC_COLUMNS
     named = dict(log)
     for key, rows in log.items():
@@ -65,7 +65,7 @@ def _with_names(log: dict[str, Any]) -> dict[str, Any]:
 
 def _walk(name: str, value: Any, table: RecordTable) -> None:
     """Add all columns below `name`, recursively: mappings, lists of records, rows; `null` is NaN."""
-    if isinstance(value, dict) and [*value] == [*map(str, range(len(value)))]:  # as pandas writes
+    if isinstance(value, dict) and [*value] == [*map(str, range(len(value)))]:  # as in pandas
         value = [*value.values()]
     if isinstance(value, list) and {*map(type, value)} == {list} and value[0]:
         named = len(value) > 1 and {*map(type, value[0])} == {str}
@@ -83,4 +83,4 @@ def _walk(name: str, value: Any, table: RecordTable) -> None:
     try:
         add_fields(table, name or "data", np.array(value, dtype=np.float64))
     except (ValueError, TypeError, OverflowError):
-        table.ignored[name or "data"] = "is no list of numbers, and no rows of equal length"
+        table.ignored[name or "data"] = "is neither a list of numbers nor rows of equal length"

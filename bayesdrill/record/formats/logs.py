@@ -1,9 +1,9 @@
-"""Read logs, in which each signal has times of its own: WPILOG, MCAP and MDF4.
+"""Read logs in which each signal has times of its own: WPILOG, MCAP and MDF4.
 
-WPILOG, in which robots of the FRC log entries, is described in allwpilib,
-`wpiutil/doc/datalog.adoc`: a header, then records. A record has the number of its entry, the size of
-its payload, its time in microseconds, and the payload. Records of entry 0 name the others. MCAP is
-read with the package `mcap`, and MDF4, the format of vehicles and test benches, with `asammdf`.
+WPILOG is the log format of FRC robots (allwpilib, `wpiutil/doc/datalog.adoc`): a header, then
+records. A record has the number of its entry, the size of its payload, its time in microseconds,
+and the payload. Records of entry 0 give the names of other entries. MCAP is read with the package
+`mcap`, and MDF4, the format of vehicles and test benches, with `asammdf`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.arrays import CUT_SHORT
 from bayesdrill.record.formats.table import RecordTable, missing_package, read_bytes
 
-ONE_PASS = 0.05  # steps of the fastest signal, within which samples are of one pass of a loop
+ONE_PASS = 0.05  # in steps of the fastest signal: closer samples have a common time
 TIME = "log_time"  # name of the column with the union of all times
 CONVERSION = 'convert it by the two lines "MCAP with ROS 2 messages" of docs/record.md'
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -45,7 +45,7 @@ def add_sample(samples: Samples, name: str, time: float, value: float | Sequence
 
 
 def _union(times: Sequence[Array]) -> Array:
-    """Return all times [s], where those of one pass of the logger's loop are one, the first of them."""
+    """Return all times [s]; each pass of the logger's loop has one common time, its first."""
     union = np.unique(np.concatenate([np.zeros(0), *times]))
     steps = [float(np.median(np.diff(t))) for t in times if len(t) > 1]
     nearest = ONE_PASS * min((step for step in steps if step > 0), default=0.0)
@@ -63,7 +63,7 @@ def merged_table(
     wanted: Collection[str] | None,
     units: Mapping[str, str] | None = None,
 ) -> RecordTable:
-    """Return the `wanted` signals at the union of their times [s], and NaN at the times of others."""
+    """Return the `wanted` signals at the union of all times [s]; NaN without a sample."""
     used = {name: part for name, part in samples.items() if wanted is None or name in wanted}
     signals = {
         name: np.array(sorted(part, key=itemgetter(0)), dtype=np.float64).reshape(-1, 2)
@@ -93,7 +93,7 @@ def merged_table(
 
 
 def _records(raw: bytes) -> Iterator[tuple[int, int, bytes]]:
-    """Yield entry, time [us] and payload of each record; one that is cut short is the end."""
+    """Yield entry, time [us] and payload of each record, up to a record that is cut short."""
     at = _HEADER + struct.unpack_from("<I", raw, 8)[0]
     while at < len(raw):
         lengths = [(raw[at] & 3) + 1, (raw[at] >> 2 & 3) + 1, (raw[at] >> 4 & 7) + 1]
@@ -111,7 +111,7 @@ def _text(payload: bytes, at: int) -> tuple[str, int]:
 
 
 def read_wpilog(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` entries of numbers at the union of their times [s]; None stands for all."""
+    """Read the `wanted` numeric entries at the union of their times [s]; None stands for all."""
     raw = read_bytes(path)
     if not raw.startswith(b"WPILOG") or len(raw) < _HEADER:
         raise InputError.at(str(path), "is not a WPILOG file; rename it to match its format")
@@ -157,7 +157,7 @@ def read_mcap(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
 
 
 def _leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the numbers, and lists of numbers, of a message by their dotted names."""
+    """Yield dotted names and numbers, or lists of numbers, of a message."""
     if isinstance(value, dict):
         for key, item in value.items():
             yield from _leaves(f"{name}.{key}", item)
@@ -168,7 +168,7 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def read_mdf(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` channels of numbers at the union of their times [s]; None stands for all."""
+    """Read the `wanted` numeric channels at the union of their times [s]; None stands for all."""
     if not read_bytes(path, 3).startswith(b"MDF"):
         raise InputError.at(str(path), "is not an MDF file; rename it to match its format")
     try:

@@ -1,9 +1,9 @@
 """Read MATLAB files: v5 to v7 by SciPy, v7.3 by h5py.
 
-The depth of cells and structs in a file of v5 to v7 is checked first, without recursion: SciPy reads
-nested ones recursively, and some thousands end the process. Elements are a flat stream of tags, which
-is followed here as SciPy follows it. The number of elements in a cell is known from its dimensions,
-never from the length in its tag.
+SciPy reads cells and structs recursively, and some thousand levels end the process. The depth of a
+file of v5 to v7 is therefore checked first, without recursion. Elements are a flat stream of tags,
+which this module follows in the order of SciPy. The dimensions of a cell, not the length in its
+tag, give its number of elements.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from bayesdrill.record.formats.arrays import CUT_SHORT, ITSELF, add_fields, data
 from bayesdrill.record.formats.table import RecordTable, read_bytes
 
 TITLES, UNITS = ("label", "title", "Name"), ("unit", "Unit")  # fields of a signal, best first
-MAX_DEPTH = 100  # files hardly nest ten levels, and SciPy fails at a thousand
+MAX_DEPTH = 100  # usual files have fewer than ten levels, and SciPy fails at a thousand
 
 _MATRIX, _COMPRESSED = 14, 15  # kinds of elements
 # Classes of matrices that contain others.
 _CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE = 1, 2, 3, 16, 17
 _CONTAINERS = {_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE}
-_CLASS = 16  # bytes from the tag of a matrix to its class
+_CLASS = 16  # bytes from the tag of a matrix to the class in it
 _MAX_DIMENSIONS = 32
 
 
 def too_deep(file: bytes) -> bool:
-    """Return whether a file nests deeper than `MAX_DEPTH`; compressed numbers are not decompressed.
+    """Return whether a file has more than `MAX_DEPTH` levels, without decompressing numbers.
 
     Raises `zlib.error` or `struct.error` if the file is damaged.
     """
@@ -68,7 +68,7 @@ class _Walk:
         self._data, self._order, self._at = memoryview(data), order, 0
 
     def too_deep(self) -> bool:
-        remaining = [1]  # matrices still to come, at each depth
+        remaining = [1]  # number of matrices that follow, at each depth
         try:
             while remaining and len(remaining) <= MAX_DEPTH + 1:
                 if remaining[-1] == 0:
@@ -82,7 +82,7 @@ class _Walk:
         return bool(remaining)
 
     def _enter(self) -> int:
-        """Advance from the tag of a matrix to the next, and return how many matrices it contains."""
+        """Advance past the head of a matrix, and return the number of matrices that it contains."""
         (size,) = self._words(self._at + 4, 1)
         if size == 0:
             self._at += 8
@@ -94,9 +94,9 @@ class _Walk:
         if kind != _OPAQUE:
             begin, size = self._element()
             count = count or math.prod(self._words(begin, min(size // 4, _MAX_DIMENSIONS)))
-            self._element()  # its name
+            self._element()  # name of the matrix
         if kind == _OBJECT:
-            self._element()  # the name of its class
+            self._element()  # name of the class
         if kind in (_STRUCT, _OBJECT):
             letters = self._words(self._element()[0], 1)[0]
             count *= self._element()[1] // max(letters, 1)
@@ -107,7 +107,7 @@ class _Walk:
     def _element(self) -> tuple[int, int]:
         """Advance past an element that is no matrix; return the offset and size of its data [bytes]."""
         at, (kind, size) = self._at, self._words(self._at, 2)
-        if kind >> 16:  # a small element has its data in the tag
+        if kind >> 16:  # the tag of a small element contains the data
             self._at += 8
             return at + 4, kind >> 16
         self._at += 8 + size + -size % 8
@@ -137,7 +137,7 @@ def _read_v5(path: Path, wanted: Collection[str] | None) -> RecordTable:
     table = RecordTable(path=path)
     used = None if wanted is None else {name.split(".")[0] for name in wanted}
     with warnings.catch_warnings():
-        # SciPy warns of objects that it cannot name; they are reported below if they are asked for.
+        # SciPy warns of unnamed objects; the code below reports them if they are wanted.
         warnings.simplefilter("ignore")
         if too_deep(path.read_bytes()):
             message = f"holds cells or structs more than {MAX_DEPTH} deep; save plain arrays"
@@ -155,7 +155,7 @@ def _walk_v5(name: str, value: Any, table: RecordTable) -> None:
     from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
 
     if isinstance(value, MatlabOpaque):
-        # Older releases of scipy leave the variable's own name in the record, not in the index.
+        # Older releases of SciPy store the name of a variable in the record, not in the index.
         known = value.dtype.names or ()
         name = _text(value["s0"].flat[0]) if "s0" in known else name
         kinds = [_text(value[key].flat[0]) for key in ("_Class", "s2") if key in known]
@@ -167,7 +167,7 @@ def _walk_v5(name: str, value: Any, table: RecordTable) -> None:
     elif value.dtype.names is not None:
         for number, element in enumerate(value.flat, start=1):
             place = f"{name}({number})" if value.size > 1 else name
-            fields = value.dtype.names  # fields of a signal describe its samples
+            fields = value.dtype.names  # a signal is described by its fields
             samples = [f for f in fields if f == "values" or (f == "Data" and value.size > 1)]
             for field in samples or fields:
                 _walk_v5(f"{place}.{field}", element[field], table)
@@ -196,7 +196,7 @@ def _read_v73(path: Path, wanted: Collection[str] | None) -> RecordTable:
 
 
 def _unfit(name: str, item: Any) -> str:
-    """Return why an item of a v7.3 file holds no plain numbers of its own; empty if it does."""
+    """Return the reason why an item of a v7.3 file holds no plain numbers; empty for plain ones."""
     import h5py
 
     kind = _text(item.attrs.get("MATLAB_class", b""))
@@ -222,7 +222,7 @@ def _unfit(name: str, item: Any) -> str:
 
 
 def _opaque(name: str, kind: str) -> str:
-    """Return why an object of a MATLAB class cannot be read, and what to type instead."""
+    """Return the reason why a MATLAB object cannot be read, and what to type in MATLAB."""
     what = f"is a MATLAB object ({kind})" if kind else "is a MATLAB object"
     ways = {
         "timeseries": f"t = {name}.Time; y = {name}.Data; save('run.mat', 't', 'y')",

@@ -19,8 +19,8 @@ from bayesdrill.basics.errors import InputError, report_damage
 from bayesdrill.record.formats.arrays import CUT_SHORT, too_large
 from bayesdrill.record.formats.table import RecordTable, keys_of, missing_package, read_bytes
 
-LEVELS = 4  # a data set's `meta` is searched in at most this number of folders above the file
-MAX_PLACES = 1000  # places of a list, each of which becomes a column
+LEVELS = 4  # number of folders above the file in which `meta` is searched
+MAX_PLACES = 1000  # largest length of a list, of which each place becomes a column
 
 
 def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
@@ -39,7 +39,7 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     with damage, ParquetFile(path, pre_buffer=False) as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
         keys, ignored = keys_of(schema.names)
-        # Columns are read one by one, by name; or together if two have the same name.
+        # Columns are read one by one; if two have the same name, all are read together.
         whole = file.read(use_threads=False) if ignored else None
         for name, kind in zip(keys, schema.types, strict=True):
             is_list = types.is_list(kind) or types.is_fixed_size_list(kind)
@@ -72,7 +72,7 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
 
 
 def _places(name: str, column: Any, rows: int, named: list[str]) -> dict[str, Array]:
-    """Return a column for each place of a column of lists; none if their lengths differ."""
+    """Return a column for each place of a column of lists; empty if lengths of lists differ."""
     flat = column.combine_chunks().flatten()
     if column.null_count or len(flat) > MAX_PLACES * rows:
         return {}
@@ -84,7 +84,7 @@ def _places(name: str, column: Any, rows: int, named: list[str]) -> dict[str, Ar
 
 
 def _names_of_places(path: Path) -> dict[str, list[str]]:
-    """Return the names of the places of list columns, by column, from `meta/info.json` above a file."""
+    """Return the names of the places in list columns, from `meta/info.json` above a file."""
     for folder in path.resolve().parents[:LEVELS]:
         try:
             features = json.loads((folder / "meta" / "info.json").read_text())["features"]
@@ -99,7 +99,7 @@ def _names_of_places(path: Path) -> dict[str, list[str]]:
 
 
 def _unfit_column(name: str, kind: Any, rows: int) -> str:
-    """Return why a column holds no numbers; empty if it does."""
+    """Return the reason why a column holds no numbers; empty for numbers."""
     from pyarrow import types
 
     if types.is_temporal(kind):

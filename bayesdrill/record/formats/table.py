@@ -1,4 +1,4 @@
-"""Define the table that every reader returns: named columns of numbers, and how to pick one."""
+"""Define the table that every reader returns: named columns of numbers, to be picked."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ class RecordTable:
     """A record table holds the numbers of one file.
 
     Columns of a table (text, Parquet) are variables `(T,)` in file order. A file of arrays (MATLAB,
-    HDF5, NumPy) has variables `(T,)` or `(T, n)`, with dotted names for fields (`rig.theta`). All may
-    contain NaN and infinities; `where` names the row of one. `ignored` says why a name in the file
-    cannot be picked, and `unread` lists names that were not asked for.
+    HDF5, NumPy) has variables `(T,)` or `(T, n)`, with dotted names for fields (`rig.theta`). All
+    may contain NaN and infinities, and `where` names a sample's row. `ignored` gives the reason why
+    a name in the file cannot be picked, and `unread` lists names that were not requested.
     """
 
     path: Path
     variables: dict[str, Array] = field(default_factory=dict)
     lines: Counts | None = None
-    """Numbers `(T,)` of a table's rows, which messages call `called`; None for a file of arrays."""
+    """Row numbers `(T,)` of a table; messages use the noun `called`; None for a file of arrays."""
     called: str = "line"
     columns: tuple[str, ...] = ()
     """All columns in order, if some are not numbers; empty if all are `variables`."""
     ignored: dict[str, str] = field(default_factory=dict)
     unread: list[str] = field(default_factory=list)
     labels: dict[str, str] = field(default_factory=dict)
-    """Title that the file gives a variable, if that is not its name."""
+    """Title of a variable in the file, if it differs from the name."""
     units: dict[str, str] = field(default_factory=dict)
-    """Content of a row between header and numbers, by column."""
+    """Text in the row between header and numbers, by column."""
 
     def where(self, index: int) -> str:
         """Return the place of a sample, by its index from 0: `line 18`, `row 18` or `sample 18`."""
@@ -82,7 +82,7 @@ class RecordTable:
             what = f"is a table of columns and has no variable {variable!r}"
             raise LookupError(f"{file} {what}; leave the variable out and give the column")
         if column is None:
-            raise LookupError(f"no column of {file} is named; give its name or its number from 1")
+            raise LookupError(f"no column of {file} is given; give a name, or a number from 1")
         if isinstance(column, str):
             return self._named(column, "column")
         columns = self.columns or tuple(self.variables)
@@ -131,7 +131,7 @@ class RecordTable:
         raise LookupError(f"{file} has no {kind} {name!r}{self._known(name)}")
 
     def _known(self, name: str) -> str:
-        """Return the nearest name and all names, so that one look at the error is enough."""
+        """Return the nearest name and all names, for an error message."""
         if not self._names:
             return "; the file holds no numeric array"
         near, names = did_you_mean(name, self._names), ", ".join(self._names)
@@ -163,7 +163,7 @@ def keys_of(names: Sequence[str]) -> tuple[list[str], dict[str, str]]:
 
 
 def variable_name(column: str | int | None, variable: str | None) -> str | None:
-    """Return the variable in a file of arrays, whose columns have no names of their own."""
+    """Return the name of a variable in a file of arrays, given as `column` or `variable`."""
     if not isinstance(column, str):
         return variable
     return column if variable is None else f"{variable}.{column}"
@@ -179,7 +179,7 @@ def read_bytes(path: Path, count: int = -1) -> bytes:
         raise InputError.at(location, f"there is no such file{_neighbour(path)}") from None
     except IsADirectoryError:
         raise InputError.at(location, "is a folder; name a file in it") from None
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+    except (OSError, ValueError) as error:  # a NUL in the name raises ValueError
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError.at(location, f"cannot be opened: {reason}") from None
     if not content:
@@ -188,7 +188,7 @@ def read_bytes(path: Path, count: int = -1) -> bytes:
 
 
 def _neighbour(path: Path) -> str:
-    """Return a similar file name in the folder, or what is wrong with the folder."""
+    """Return a hint: a similar file name in the folder, or that the folder does not exist."""
     if not path.parent.is_dir():
         return f": the folder {path.parent} does not exist"
     others = (other.name for other in path.parent.iterdir() if other.suffix not in CONFIGS)
@@ -196,7 +196,7 @@ def _neighbour(path: Path) -> str:
     return near if near.startswith("; did") else "; check the name and the folder"
 
 
-CONFIGS = (".yaml", ".yml")  # endings of files that are no records
+CONFIGS = (".yaml", ".yml")  # endings of configs, which are not records
 _MAGIC = {
     b"PK\x03\x04": "is a spreadsheet or zip archive; export it as CSV",
     b"MATLAB": "is a MATLAB file; give it the ending .mat, or write format: mat",
@@ -207,7 +207,7 @@ _MAGIC = {
     b"version https://git-lfs": "is a pointer of Git LFS, not the file; run git lfs pull",
     b"\x1f\x8b": "is compressed (gzip); unpack it first: gunzip, or 7-Zip",
 }
-_LINES_OF_TEXT = 2  # a file that begins with this many lines of text is no binary file
+_LINES_OF_TEXT = 2  # a file that begins with two lines of text is not binary
 
 
 def decode(path: Path) -> str:

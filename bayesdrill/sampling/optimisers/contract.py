@@ -75,11 +75,11 @@ class Optimum:
 class Optimiser(Protocol):
     """An optimiser is a frozen dataclass, whose annotated fields are its entries of `map:`.
 
-    It only has to come near a maximum, since Gauss-Newton converges to it afterwards.
+    It only has to come near a maximum, to which Gauss-Newton then converges.
     """
 
     def check(self, unknown: Sequence[str]) -> None:
-        """Check whether it can search over these unknowns.
+        """Check whether the optimiser can search over these unknowns.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class Optimiser(Protocol):
         Raises
         ------
         ValueError
-            If it cannot; the message is shown to the user.
+            If it cannot; the message is for the user.
         """
 
     def __call__(self, task: Task, starts: Array, evaluations: int) -> Sequence[Optimum]:
@@ -102,10 +102,10 @@ class Optimiser(Protocol):
         starts : array, shape (S, D)
             Physical points.
         evaluations : int
-            The most evaluations for each start.
+            The largest number of evaluations for each start.
 
         Returns
         -------
         sequence of Optimum
-            One for each start, which must not depend on the other starts.
+            One optimum for each start, which must not depend on the other starts.
         """

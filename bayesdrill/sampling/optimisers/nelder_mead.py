@@ -1,8 +1,8 @@
-"""Run Nelder-Mead on scaled unknowns, restarted with a new simplex until that no longer helps.
+"""Run Nelder-Mead on scaled unknowns, restarted with new simplexes while they help.
 
 Without scaling the simplex stops too early: a damping of 1e-4 is as small as the default absolute
-tolerance of most libraries.  Here the first steps of a simplex are a tenth of each unknown while a
-run gains much.  Near the optimum they are one standard deviation of the local Gaussian
+tolerance of most libraries.  Here, the first steps of a simplex are a tenth of each unknown while
+runs gain much.  Near the optimum they are one standard deviation of the local Gaussian
 approximation.  The tolerances are in units of these steps.
 
 Searches from several starts run in lock-step: their points are evaluated as one batch, which costs
@@ -22,16 +22,16 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import laplace
 from bayesdrill.sampling.optimisers.contract import Optimum, Task
 
-# A search that yields points `(n, D)`, is sent their values `(n,)`, and returns a result.
+# A generator yields points `(n, D)`, receives their values `(n,)`, and returns a result.
 type AskTell[T] = Generator[Array, Array, T]
 
 
 @dataclass(slots=True)
 class SimplexRun:
-    """A run of a simplex makes at most `most` evaluations, at points `place(x)` of scaled `x (D,)`.
+    """A simplex run evaluates at most `most` points `place(x)` of scaled `x (D,)`.
 
-    `first` is the value at the start, and `lowest` the least so far, at `x`.  `stopped` tells whether
-    the tolerances were met.
+    `first` is the value at the start, and `lowest` the lowest value so far, at `x`.  `stopped`
+    tells whether the tolerances were met.
     """
 
     most: int
@@ -43,7 +43,7 @@ class SimplexRun:
     stopped: bool = False
 
     def ask(self, points: Array) -> AskTell[Array]:
-        """Ask for the values at `points (n, D)`, and return them; inf once `most` is exceeded."""
+        """Ask for the values at `points (n, D)` and return them, or inf if `most` is exceeded."""
         values = np.full(len(points), np.inf)
         asked = points[: self.most - self.evaluations]
         if len(asked):
@@ -124,7 +124,7 @@ def in_lock_step[T](searches: Sequence[AskTell[T]], function: Callable[[Array], 
     return [results[search] for search in searches]
 
 
-MAX_STEP = 0.3  # longest first step in a coordinate, as standard deviations may be very long
+MAX_STEP = 0.3  # longest first step in a coordinate, as standard deviations may be large
 FAR_GAIN = 100.0  # in log density: a run that gained more was far from the optimum
 LOG_STEP = 0.1  # first step of a simplex that is far from the optimum, in the log of each unknown
 

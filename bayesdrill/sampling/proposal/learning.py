@@ -39,38 +39,38 @@ from bayesdrill.sampling.samplers.independence import (
 Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
 DRAWS_PER_ROUND = 2400  # draws of the proposal in a round
-WIDE_FACTOR, WIDE_DRAWS = 1.5, 800  # width of the wider proposal over the mixture's, and its draws
-RIDGES_PER_BATCH = 6  # a round has one such batch of draws for each group of this number of ridges
-MAX_TRIES_PER_DRAW = 50  # draws for each that has to be inside the prior
+WIDE_FACTOR, WIDE_DRAWS = 1.5, 800  # relative width of the wider proposal, and its number of draws
+RIDGES_PER_BATCH = 6  # a round has a batch of draws for every six ridges
+MAX_TRIES_PER_DRAW = 50  # tries for each draw inside the prior
 MAX_ROUNDS = 12  # rounds of drawing and fitting
 FEW_ROUNDS, HOPELESS_DRAWS = 5, 2.0  # after these rounds, fewer effective draws end the learning
 MIN_IMPROVEMENT = 1.04  # ratio of effective shares of two rounds, below which the learning settles
 MIN_EFFECTIVE_SHARE = 0.3  # the learning goes on while a smaller share of the draws is effective
 MIN_TEMPERED_SHARE = 0.1  # the weights are tempered until this share of the draws is effective
 REDRAW_COST = 0.4  # cost of a draw outside the prior, in evaluations of the density
-MAX_ADDED_RIDGES = 4  # largest number of times that ridges are added
+MAX_ADDED_RIDGES = 4  # how often ridges are added at most
 GOOD_EFFECTIVE_SHARE = 0.3  # no ridge is added if this share of the draws is effective
 CENTRE_QUANTILE = 0.9  # a new centre is a draw with a weight above this quantile
-MAX_STRAY_MASS = 0.01  # posterior mass beyond the ends of the ridges, above which they are replaced
+MAX_STRAY_MASS = 0.01  # posterior mass beyond the ends of ridges, above which these are replaced
 TRAPPING_PENALTY = 20.0  # weight of regions where p/q is large, because walkers stay there for long
 MAX_TRAPPED_MASS = 0.005  # posterior mass in such regions, above which the learning goes on
 COMPONENT_SCALE = 0.7  # initial width of several components over that of a single one
 INITIAL_TIGHT_SDS = 1.2  # initial width in the tight directions, in standard deviations
 NEGLIGIBLE_RIDGE = 1e-6  # posterior mass below which a ridge is left out
 NEGLIGIBLE_MAXIMUM = 1e-3  # posterior mass below which a maximum is not checked for missed mass
-MAX_COMPONENTS_OF_RIDGE, MAX_COMPONENTS = 4, 32  # numbers of components of a ridge, and of all
+MAX_COMPONENTS_OF_RIDGE, MAX_COMPONENTS = 4, 32  # per ridge, and for all ridges
 EM_ROUNDS = (12, 6)  # expectation-maximisation iterations in the first round and in later ones
 # Wide components for the tails: weight, and factors on the width along the ridge and across it.
 TAIL_COMPONENTS = ((0.08, 2.0, 1.05), (0.04, 1.2, 1.5))
 
 
 class NoSupportError(ValueError):
-    """The error is raised if no draw has a posterior density."""
+    """The posterior density is zero at all draws."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnedProposal:
-    """A learnt proposal was tested by `draws`, and its ridges belong to maxima with indices `origin`.
+    """A learnt proposal has test `draws`; its ridges belong to the maxima with indices `origin`.
 
     `missed` estimates the posterior mass that the proposal hardly ever reaches.
     """
@@ -113,14 +113,14 @@ def learn(
     for _ in range(max_added_ridges):
         if best.good:
             break
-        # A ridge is traced from a draw of high weight, where p/q is large, as far as the draws reach.
-        # It replaces the others if these ended too early.
+        # A new ridge is traced from a draw of high weight, where p/q is large, as far as draws
+        # reach. This ridge replaces the others if they ended too early.
         new_parts = [(k, trace(surface, u, rng, draws)) for k, u, draws in _central_draws(last)]
         good_parts = [part for part in parts if part[1].error < USELESS_ERROR]
         parts = new_parts if last.strays > MAX_STRAY_MASS else good_parts + new_parts
         try:
             last = _best_mixture(surface, parts, random, max_added_ridges, report)
-        except NoSupportError:  # near the ends of priors a ridge may lead out of them
+        except NoSupportError:  # near an end of a prior, a ridge may leave the prior
             break
         best, last = _compared(best, last)
         best = max(best, last, key=lambda r: r.efficiency / (1.0 + TRAPPING_PENALTY * r.strays))
@@ -180,7 +180,7 @@ def _best_mixture(
 
 
 def _best(rounds: Sequence[_Round]) -> _Round:
-    """Return the most efficient round, after comparing it with the last, which reaches furthest."""
+    """Return the most efficient round, compared with the last round, which reaches furthest."""
     *candidates, last = rounds
     while candidates:
         k = int(np.argmax([candidate.efficiency for candidate in candidates]))
@@ -196,7 +196,7 @@ def _best(rounds: Sequence[_Round]) -> _Round:
 def _compared(candidate: _Round, other: _Round) -> tuple[_Round, _Round]:
     """Return both rounds, each with the posterior mass that it misses, estimated from draws of both.
 
-    Its own draws cannot show that a proposal misses a maximum.
+    The draws of a proposal cannot show that it misses a maximum.
     """
     pair = (candidate, other)
     with_density = [round_.draws.supported() for round_ in pair]
@@ -230,7 +230,7 @@ def _central_draws(learning_round: _Round) -> list[tuple[int, Array, tuple[Array
             continue
         sds = distances(u, mode_shares)
         least = np.quantile(mode_shares, CENTRE_QUANTILE)
-        likely = np.flatnonzero(mode_shares >= least)  # all draws if only few have a weight
+        likely = np.flatnonzero(mode_shares >= least)  # all draws, if few have a weight
         middles.append((origin, u[likely[np.argmin(sds[likely])]], (u, mode_shares)))
     return middles
 
@@ -257,7 +257,7 @@ class _Round:
 
     @property
     def strays(self) -> float:
-        """Return the posterior mass beyond the ends of the ridges that were followed."""
+        """Return the posterior mass beyond the ends of the traced ridges."""
         draws, mixture = self.draws.supported(), self.proposal.mixture
         y, shares = responsibilities(mixture, draws.u, draws.weights)
         beyond = 0.0
@@ -344,7 +344,7 @@ def _several_components(mixture: Mixture, u: Array, weights: Array, random: Rand
         sheet_weights = weights[mine]
         known = effective_count(sheet_weights) / (5 * u.shape[1]) if sheet_weights.any() else 0
         count = int(np.clip(known, 0, most))
-        if count == 0:  # too few of the draws are effective, so its components stay
+        if count == 0:  # too few effective draws: the component stays
             share = max(float(sheet_weights.sum()), NEGLIGIBLE_RIDGE)
             components = np.flatnonzero(mixture.sheet == s)
             parts += [(s, share, mixture.means[k], mixture.roots[k]) for k in components]

@@ -1,7 +1,7 @@
 """Search along Newton ridges for posterior mass that a proposal misses.
 
-The draws of a proposal cannot show what it misses.  So draws are spread wider along the loose
-directions, Gauss-Newton brings each to the ridge, and their density is computed there.
+The draws of a proposal cannot show the mass that it misses.  So draws are spread wider along the
+loose directions, Gauss-Newton moves each to the ridge, and the densities there are computed.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from bayesdrill.sampling.samplers import independence
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal, Random, WeightedDraws
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
-ROUNDS = (400, 400, 1600)  # draws of each round; the estimate is that of the last
-FAR_LOG_RATIO = 3.0  # mass is missed where log (p/q) exceeds its typical value by more
+ROUNDS = (400, 400, 1600)  # draws of each round; the last round gives the estimate
+FAR_LOG_RATIO = 3.0  # missed mass has a log (p/q) this much above the typical value
 MAX_MISSED_MASS = 0.01  # share of the posterior that may be missed
-MIN_EFFECTIVE_SHARE = 0.02  # with fewer effective draws the first round does not decide
-MAX_TRIES_PER_DRAW = 10  # draws for each that has to be inside the prior
+MIN_EFFECTIVE_SHARE = 0.02  # the first round decides only with a larger effective share
+MAX_TRIES_PER_DRAW = 10  # tries for each draw inside the prior
 MIN_TEMPERED_SHARE = 0.1  # the weights are tempered until this share of the draws is effective
-NEGLIGIBLE_WEIGHT = 1e-9  # added to the weights, for a sheet that has none of the draws
-WIDTH_ALONG, WIDTH_ACROSS = 1.3, 1.05  # widths of a component over those of the weighted draws
+NEGLIGIBLE_WEIGHT = 1e-9  # added to the weights, as a sheet may have no draws
+WIDTH_ALONG, WIDTH_ACROSS = 1.3, 1.05  # widths of a component, relative to the weighted draws
 LOOKING = "looking for what the proposal leaves out"
 
 

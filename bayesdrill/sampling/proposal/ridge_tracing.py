@@ -6,8 +6,7 @@ growing length, points are placed along the loose directions, and Gauss-Newton r
 to the ridge.  Polynomials are fitted to the points at which it ends.
 
 A Newton ridge begins at the polynomials, and moves every point to the exact ridge by Gauss-Newton.
-A draw from it costs about a hundred evaluations of the model, so that only the check of missed mass
-uses it.
+A draw from it costs about a hundred evaluations, so only the check of missed mass uses it.
 """
 
 from __future__ import annotations
@@ -26,34 +25,34 @@ from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeMap
 Expand = Callable[[Array, Array], QuadraticModel]
 
 # A direction is tight if the ratio of its precision to the prior's is at least `TIGHT_RATIO`, and
-# at least `STRAIGHT_RATIO` times the square root of the largest ratio. Where only the second
-# condition fails, the tightest direction would bend along this one, which is therefore loose.
+# at least `STRAIGHT_RATIO` times the square root of the largest ratio. If only the second condition
+# fails, the tightest direction would bend along this direction, which is therefore loose.
 TIGHT_RATIO, STRAIGHT_RATIO = 100.0, 0.003
 NEAR_END = 1e-6  # an unknown nearer to an end of its prior, in spreads of the prior, is at the end
-MIN_NEW_SHARE = 1e-6  # a shorter orthogonal part of a unit axis is only rounding error
+MIN_NEW_SHARE = 1e-6  # if the orthogonal part of a unit axis is shorter, it is a rounding error
 MAX_SDS_BEYOND_END = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
-PROBES = 12  # random points of the prior at which a flat direction must be flat
+PROBES = 12  # number of random prior points at which a flat direction must be flat
 NEGLIGIBLE_CURVATURE = 1e-12  # curvature over the largest, below which it is a rounding error
-KNOWLEDGE_DISCOUNT = 9.0  # divides loose precisions at the maximum, which may be lower elsewhere
+KNOWLEDGE_DISCOUNT = 9.0  # divides loose precisions at the maximum; they may be lower elsewhere
 BEYOND_ENDS = 0.1  # points are used up to this distance beyond the priors, in ranges of the priors
 SCATTER_WIDTH = 1.4  # ratio of the width of the points to the expected width of the posterior
-TRUSTED_EXTRAPOLATION = 2.0  # the next stage follows a fit up to this number of radii of its points
+TRUSTED_EXTRAPOLATION = 2.0  # in radii of the fitted points: how far the next stage trusts the fit
 MAX_CORNER_GROWTH = 2.0  # largest growth of the highest power outside the ball of fitted points
 ITERATIONS = 6  # Gauss-Newton steps for each point
 CONVERGED_SDS = 0.03  # Gauss-Newton ends after a step of fewer standard deviations
 MAX_STEP = 0.5  # longest step, in priors' spreads
-MAX_SDS = 1e100  # standard deviations from the ridge; if there are more, the response overflowed
+MAX_SDS = 1e100  # standard deviations from the ridge; a larger number comes from overflow
 MAX_DEGREE = 14  # highest degree of the polynomials
-ERROR_QUANTILE = 0.98  # quantile of the errors at held-out points by which degrees are compared
+ERROR_QUANTILE = 0.98  # quantile of the errors at held-out points, by which degrees are compared
 MIN_IMPROVEMENT = 0.8  # largest ratio of errors at which a higher degree is preferred
-GOOD_ERROR = 0.1  # standard deviations; with a smaller error no higher degree is tried
-FAIR_ERROR = 0.3  # standard deviations; with a larger error more points are added
+GOOD_ERROR = 0.1  # in standard deviations: below this error, no higher degree is tried
+FAIR_ERROR = 0.3  # in standard deviations: above this error, points are added
 POINTS_PER_TERM = 2.5  # points for each term of a polynomial
-MAX_DEPTH = 100.0  # a point whose log density is lower than the highest by more is not on the ridge
+MAX_DEPTH = 100.0  # a point this far below the highest log density is not on the ridge
 HELD_OUT_EVERY = 4  # every fourth point is held out of the fit
 PRIOR_MARGIN = 0.9  # psi times this factor has to lie within the priors
-NEAR_SDS = 0.5  # nearer than this to a Newton ridge, in standard deviations, a step is the last
-NEWTON_ITERATIONS = 9  # most steps to a Newton ridge; a bad polynomial may cost half of them
+NEAR_SDS = 0.5  # standard deviations from a Newton ridge within which a step is the last
+NEWTON_ITERATIONS = 9  # most steps to a Newton ridge; a bad polynomial may need half of these
 
 
 def split_directions(
@@ -129,7 +128,7 @@ MAX_SHRINKINGS, SHRINKING_DRAWS = 14, 200
 STAGES = (0.15, 0.3, 0.5, 0.75, 1.0)  # lengths of a ridge to fit, as shares of its whole length
 # Smallest number of points in a stage and in the last stage, and largest number of points in all.
 MIN_POINTS, LAST_POINTS, MAX_POINTS = 40, 300, 1600
-MAX_HALVINGS = 4  # number of lengths that are tried for a ridge, each half of the one before
+MAX_HALVINGS = 4  # number of tried lengths of a ridge, each half of the previous one
 USELESS_ERROR = 5.0  # error in standard deviations, above which a shorter length is tried
 
 
@@ -155,14 +154,14 @@ def trace(
     """Trace the ridge through the maximum `centre (D,)`.
 
     If there are `weighted_draws`, draws of the posterior `(N, D)` and their weights `(N,)`, the
-    ridge is followed as far as they reach.  Otherwise priors and the curvature at the maximum give
-    its length.
+    ridge is followed as far as these draws reach.  Otherwise priors and the curvature at the
+    maximum give its length.
     """
     here = surface.quadratic_model(centre[None], np.eye(len(centre)))
     still = flat_directions(surface, rng)
     base, known = split_directions(surface, centre, here, still)
     if len(known) == len(centre) and (known > TIGHT_RATIO).any():
-        # All directions are loose, as unknowns are pressed against ends: each is a direction.
+        # All directions are loose, one for each unknown, as unknowns are pressed against ends.
         scale = surface.spread
         base = ridge.local_basis(centre, np.diag(scale), len(centre))
         known = np.diag(here.curvature[0]) * scale**2 + (here.slope[0] * scale) ** 2
@@ -210,16 +209,16 @@ def _follow(
     scattered_psi: Callable[[int], Array],
     length: float,
 ) -> tuple[RidgeMap, float]:
-    """Follow a ridge outward from the maximum in stages, each guided by the fit of the one before.
+    """Follow a ridge outwards from the maximum in stages, each guided by the previous fit.
 
-    The points of the last stage are `length` times those of `scattered_psi`.  The ridge is
-    returned with its error.
+    The points of the last stage are `length` times those of `scattered_psi`.  Returns ridge and
+    error.
     """
     base = fitted.frame
     points: list[Array] = []
     error = 0.0
     for stage in STAGES:
-        # The points suffice for polynomials of degree 2 at first, then 3, and 4 in the last stage.
+        # There are enough points for degree 2 in the first stages, then 3, and 4 in the last one.
         degree = 2 if stage < 0.4 else 3 if stage < 1.0 else 4
         least = MIN_POINTS if stage < 1.0 else LAST_POINTS
         n = int(np.clip(POINTS_PER_TERM * _terms(len(bent), degree), least, MAX_POINTS))
@@ -376,7 +375,7 @@ def _best_fit(
     """Fit polynomials of the degree with least error at held-out points; return ridge and error."""
     held_out = np.arange(len(psi)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     fitting = psi[~held_out], tau[~held_out], roots[~held_out]
-    # Only held-out points within the ball of the fit count, since polynomials do not extrapolate.
+    # Held-out points outside the ball of the fit are ignored: polynomials do not extrapolate.
     within = held_out & ridge.fit_ridge(base, *fitting, 0, 0, bent).within(psi)
     held_out = within if within.any() else held_out
     testing = psi[held_out], tau[held_out], roots[held_out]

@@ -1,7 +1,7 @@
 """Sample a Gaussian times a weight by elliptical slices, which need no tuning.
 
-Each step goes to a point of a random ellipse through the last one, whose angle is shrunk until the
-weight is above a level (Murray, Adams and MacKay 2010).
+Each step goes to a point on a random ellipse through the last point.  The range of angles is shrunk
+until the weight is above a level (Murray, Adams and MacKay 2010).
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Indices
 
-MAX_SHRINKS = 60  # of an ellipse, after which a chain stays: the angle is below rounding then
+MAX_SHRINKS = 60  # most shrinks before a chain stays, since the angle is then below rounding
 
-LogWeight = Callable[[Array, Indices], Array]  # of points `(n, m)` and their chains `(n,)`
+LogWeight = Callable[[Array, Indices], Array]  # arguments: points `(n, m)` and their chains `(n,)`
 
 
 def elliptical_slices(

@@ -32,15 +32,16 @@ from bayesdrill.sampling.samplers.independence import (
 )
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
-LOCAL_SHARE = 0.2  # share of steps with local steps; a batch of one point costs as much as of 30
+LOCAL_SHARE = 0.2  # share of steps with local steps; batches of 1 and 30 points cost the same
 MIN_LENGTH, MAX_LENGTH = 0.01, 1.0  # length of a local step in widths of its component / sqrt(D)
 
 
 def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Array, Array]:
     """Return new points from `u (n, D)`, their log Hastings factors and their log q, `(n,)` each.
 
-    A component is drawn by its share of q at `u`, and a Gaussian step of its shape and a log-uniform
-    length is taken in its coordinates.  The factor corrects for its share of q at the new point.
+    A component of q is drawn with its share of the density at `u`.  In the coordinates of this
+    component, the step is Gaussian with the component's shape and a log-uniform length.  The factor
+    corrects for the component's share at the new point.
     """
     n, d = u.shape
     walker = np.arange(n)
@@ -96,7 +97,7 @@ class SplitEnsembleMove:
     """The move advances each half of the walkers, split at random, by the positions of the others.
 
     `proposal(walkers, others, random)` returns new points `(n, D)` and their log Hastings factors
-    `(n,)`.  It is applied in the coordinates of the ridge `along`, if that is given.
+    `(n,)`.  The proposal acts in the coordinates of the ridge `along`, if there is one.
     """
 
     proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
@@ -237,9 +238,9 @@ def moves_with_weights(
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """An ensemble has the state `z (W, D)`, `log_p (W,)` and NumPy's legacy tuple `random`.
+    """The state of an ensemble is `z (W, D)`, `log_p (W,)` and NumPy's legacy tuple `random`.
 
-    The next steps depend on nothing else.
+    The next steps only depend on this state.
     """
 
     z: Array
@@ -251,8 +252,8 @@ class State:
 class ChainSegment:
     """Consecutive steps `z (S, W, D)`, `log_p (S, W)` with the counts `accepted (W,)`.
 
-    `failures` counts responses that overflowed, and `state` is that after the last step.  `seconds` is
-    the computing time, on which only the length of the next segment depends.
+    `failures` counts responses that overflowed, and `state` is the state after the last step.
+    `seconds` is the computing time, which only affects the length of the next segment.
     """
 
     z: Array
@@ -279,7 +280,7 @@ def advance(
     """Advance an ensemble by `n_steps`.
 
     `evaluate` returns the log densities of points `(n, D)` and the number of responses that overflowed.
-    Without a `proposal` the independence move is left out.  `inside` tells cheaply which points
+    Without a `proposal` the independence move is left out.  `inside` is a cheap test which points
     `(n, D)` are inside the prior.
     """
     import emcee  # imported here, as loading takes half a second

@@ -1,13 +1,13 @@
 """Fit an independence proposal to weighted draws: a Gaussian mixture over ridge coordinates.
 
-Draws come from the proposal q and from a wider density, to show regions where q is too small, too.
+Draws come from the proposal q and from a wider density, which shows regions where q is too small.
 
-A sheet is a ridge with its own coordinates; each component of the mixture belongs to one sheet.  All
-components together are one density over u, normalised except for what the prior cuts off.
+A sheet is a ridge with its own coordinates; each component of the mixture belongs to one sheet.
+The sum of all components is a density over u, normalised before the prior truncates it.
 
 The proposal is learnt before the first step and never changes, so detailed balance holds exactly:
 u' drawn from q is accepted with probability min(1, p(u') q(u) / (p(u) q(u'))).  Draws outside the
-prior are drawn again without an evaluation of the model; the norm of the cut density cancels.
+prior are drawn again without an evaluation of the model; the norm of the truncated density cancels.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ LONG_LOG_RATIO = 2.0  # a walker is trapped if its log (p/q) is this much above 
 class WeightedDraws:
     """Draws `u (N, D)` have the weights `log_w = log (p/q)` and `log_q`, `(N,)` each.
 
-    `log_q` is the log of q over the density of the draws.  Densities need no norm; p may be zero.
+    `log_q` is the log of q over the density of the draws.  Densities need no norm; p may be 0.
     """
 
     u: Array
@@ -57,12 +57,12 @@ class WeightedDraws:
     def acceptance(self) -> float:
         """Return the expected acceptance of independence proposals, E min(1, w(y) / w(x)).
 
-        With x from p and y from q, it is the mean of the smaller of two weights over the mean weight.
+        With x from p, y from q: the mean of the smaller of two weights over the mean weight.
         """
         order = np.argsort(-self.log_w)
         ratio = np.exp(self.log_w[order] - self.log_w[order[0]])
         q = normalised(self.log_q)[order]
-        larger = np.cumsum(q) - 0.5 * q  # share of q with larger weights; half of the draw itself
+        larger = np.cumsum(q) - 0.5 * q  # share of q with larger weights and half of the draw
         return float(2.0 * (q * ratio) @ larger / (q @ ratio))
 
     @property
@@ -116,9 +116,9 @@ def effective_count(weights: Array) -> float:
 
 Inside = Callable[[Array], Flags]
 
-# Weight of draws that the prior cuts off; with 1, nine of ten draws would be cut off in a corner.
+# Weight of draws outside the prior; with 1, nine of ten draws would be outside in a corner.
 CUT_OFF_FILL = 0.8
-VARIANCE_FLOOR = 1e-4  # share of the variance of a sheet's draws that is added to each component's
+VARIANCE_FLOOR = 1e-4  # share of a sheet's variance that is added to each component's
 LOG_2PI = float(np.log(2.0 * np.pi))
 
 
@@ -243,8 +243,8 @@ def fit_mixture(
 ) -> Mixture:
     """Fit a mixture to draws `u (N, D)` with `weights (N,)` by expectation-maximisation from `start`.
 
-    In each round the mixture's own draws outside the prior are added, so that its density there is
-    free.  Components may then reach beyond an end at which the posterior does not vanish.
+    In each round the mixture's own draws outside the prior are added, so that the data do not
+    restrict its density there.  Components may then reach beyond an end with posterior density.
     """
     current = start
     y, jacobian = start.straightened(u)
@@ -268,7 +268,7 @@ def improved(
 ) -> Mixture:
     """Return the mixture after a step of expectation maximisation, with `straightened` draws.
 
-    A covariance gets the floor of its sheet in addition, `(D, D)`.
+    The floor `(D, D)` of its sheet is added to each covariance.
     """
     shares = current.responsibilities(y, jacobian, weights)
     totals = shares.sum(axis=1)
@@ -301,8 +301,8 @@ def _floor(y: Array, weights: Array) -> Array:
     return np.diag(VARIANCE_FLOOR * spread + 1e-12)
 
 
-MAX_REDRAWS = 8  # rounds of draws to get those inside the prior
-MAX_DRAWS_PER_WANTED = 10  # draws in a round for each that is wanted, since few may be inside
+MAX_REDRAWS = 8  # most rounds of draws, since some are outside the prior
+MAX_DRAWS_PER_WANTED = 10  # most draws in a round for each wanted one
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,8 +324,8 @@ class Proposal:
     def draw(self, n: int, inside: Inside, random: Random) -> tuple[Array, Array]:
         """Draw `n` points `(n, D)` inside the prior; return them and their log q `(n,)`.
 
-        After `MAX_REDRAWS` rounds some may be outside, which are never accepted.  This does not depend
-        on the walkers, so the chain stays exact.
+        After `MAX_REDRAWS` rounds some points may be outside; these are never accepted.  Their
+        number does not depend on the walkers, so the chain stays exact.
         """
         have = 0
         batches: list[tuple[Array, Array]] = []
@@ -343,7 +343,7 @@ class Proposal:
 
 
 class CachedLogDensity:
-    """A cache keeps the log density of a mixture at the walkers, and updates that of moved ones."""
+    """A cache keeps the log density of a mixture at the walkers, and updates moved walkers."""
 
     def __init__(self, mixture: Mixture) -> None:
         self.mixture = mixture

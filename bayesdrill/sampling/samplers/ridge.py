@@ -18,7 +18,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 
-RANGE_MARGIN = 0.25  # entries of R may leave the range of the fitted points by this share of it
+RANGE_MARGIN = 0.25  # relative margin of entries of R beyond the range of the fitted points
 
 
 @dataclass(frozen=True, slots=True)
