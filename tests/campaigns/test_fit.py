@@ -150,13 +150,12 @@ def test_a_vague_run_hardly_changes_the_population_and_a_badly_described_one_is_
     vague = replace(draws.runs[0], name="vague", log_products=z, log_interim=log_interim)
     places = np.repeat([-0.02, 0.02], 150)[:, None]
     odd = replace(vague, name="odd", log_products=places, log_interim=np.zeros(300))
-    campaign = CampaignDraws(products=draws.products, runs=(*draws.runs, vague, odd))
-    fit = fit_population(campaign, SETTINGS, rng, SILENT)
-    assert fit.misdescribed == ("odd",)
     runs = (*draws.runs, vague)
-    after = (
-        fit_population(replace(campaign, runs=runs), SETTINGS, rng, SILENT).populations[0].centre
-    )
+    campaign = CampaignDraws(products=draws.products, runs=(*runs, odd))
+    few = replace(SETTINGS, max_sweeps=100)
+    assert fit_population(campaign, few, rng, SILENT).misdescribed == ("odd",)
+    fit = fit_population(replace(campaign, runs=runs), SETTINGS, rng, SILENT)
+    after = fit.populations[0].centre
     assert abs(after.mean - before.mean) < 0.2 * before.sd
     assert after.sd == pytest.approx(before.sd, rel=0.15)
 
