@@ -277,9 +277,10 @@ SENSED = {
 # Numbers of states, times, and what walkers have of their own.  Kernels of more than ten states are
 # others, and those of forty keep matrices elsewhere.  Kernels do not know gains from offsets or
 # starts, and with lags those of many states compile for seconds: these are not repeated.
+REPEATED = {5: ("lags",), 20: ("lags", "start", "steady")}
 for row, count in enumerate((1, 5, 6, 20)):
     for column, (what, sensing) in enumerate(SENSED.items()):
-        if what == "lags" and count in (5, 20) or what in ("start", "steady") and count == 20:
+        if what in REPEATED.get(count, ()):
             continue
         at = ("even", "gaps", "jitter", "two clocks")[(row + column) % 4]
         MAKE[f"{2 * count} states, {at}, {what}"] = functools.partial(
