@@ -149,8 +149,8 @@ def respond(
     theta = np.array([[values[name] for name in model.parameters]])
     shown = with_states(experiment, model.states, alone=True)
     response = simulator(model, shown, ObservationModel(), step_error.MAX_CHOSEN_PIECES)
-    found = channels_first(experiment, model.states, response.signals(theta)[0])
-    return {name: found[:, k] for k, name in enumerate(signals)}
+    response_values = channels_first(experiment, model.states, response.signals(theta)[0])
+    return {name: response_values[:, k] for k, name in enumerate(signals)}
 
 
 def _parameters(rig: Model, values: Mapping[str, float], issues: list[Issue]) -> dict[str, float]:
