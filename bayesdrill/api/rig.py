@@ -15,7 +15,14 @@ from bayesdrill.basics.errors import InputError, Issue, short_repr
 from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.config.schema.vocabulary import idle_inputs
 from bayesdrill.inference import step_error
-from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
+from bayesdrill.record.experiment import (
+    Channel,
+    Experiment,
+    channels_first,
+    frozen,
+    raise_if_any,
+    with_states,
+)
 from bayesdrill.rig.models.linear import (
     Model,
     missing_requirements,
@@ -140,8 +147,9 @@ def respond(
         t_start=float(times[0]) if series else min(0.0, float(times[0])),
     )
     theta = np.array([[values[name] for name in model.parameters]])
-    response = simulator(model, experiment, ObservationModel(), step_error.MAX_CHOSEN_PIECES)
-    response_values = response.signals(theta)[0]
+    shown = with_states(experiment, model.states, alone=True)
+    response = simulator(model, shown, ObservationModel(), step_error.MAX_CHOSEN_PIECES)
+    response_values = channels_first(experiment, model.states, response.signals(theta)[0])
     return {name: response_values[:, k] for k, name in enumerate(signals)}
 
 

@@ -1,17 +1,15 @@
 """A few records of each rate, which show already what hundreds show."""
 
 import numpy as np
-from support.case_tables import run_cases
 
 from bayesdrill.analysis.latent_torque import torque_estimates
 from bayesdrill.rig.simulators.stepped import Stepped
 from benchmarks.rates.records import TORQUE, observed, of
 
 
-@run_cases("at", ["rotor_1", "motor"])
-def test_without_friction_the_rig_goes_where_the_torque_moves_it(at: str) -> None:
+def test_without_friction_the_rig_goes_where_the_torque_moves_it() -> None:
     """The courses of a torque have its sign and its gear, and hold it in the middle of each step."""
-    missing = {**TORQUE, "at": at, "smoothness": "3/2"}
+    missing = {**TORQUE, "at": "motor", "smoothness": "3/2"}
     target = observed(rubs={"t_c1": 0.0}, missing_torque=missing)
     observation, rng = target.likelihood.observations[0], np.random.default_rng(3)
     assert isinstance(observation.response, Stepped)

@@ -183,7 +183,7 @@ def test_combinations_beyond_the_largest_number_of_evaluations_are_named_and_not
     assert "1 combination was not tried" in describe_causes(causes)
 
 
-@some_or_all("offset_alpha", "gain_w_2", "lag_alpha", "damping_rotor_1", "ar1")
+@some_or_all("offset_alpha", "gain_w_2", "damping_rotor_1", "ar1")
 def test_no_cause_is_recommended_for_one_bad_sample(
     parts: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -249,7 +249,7 @@ def shaft(folder: Path, late: int) -> Path:
 
 
 @pytest.mark.parametrize("late", [-7, pytest.param(4, marks=pytest.mark.slow)])
-@some_or_all("lag_t_1", "lag_w_1", "offset_t_1", "friction_rotor_1")
+@some_or_all("lag_t_1", "lag_w_1", "offset_t_1")
 def test_a_torque_that_is_late_is_named(
     parts: tuple[str, ...], late: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

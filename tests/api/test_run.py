@@ -177,7 +177,7 @@ def test_an_error_is_the_same_after_pickling() -> None:
     assert back.problems == error.value.problems
 
 
-THREADS = 3
+THREADS = 2
 TIMED = ("run.json", "posterior.nc")  # the time at which they were made stands in them
 
 

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 T = np.arange(24_001) / 500.0
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-SAMPLED = 6001  # samples of records that are sampled exactly too
+SAMPLED = 4001  # samples of records that are sampled exactly too
 RHO = 0.8
 LEVEL = {"prior": "log_uniform", "low": 0.01, "high": 1.0}
 
@@ -101,7 +101,7 @@ def test_a_record_that_is_too_long_is_not_predicted_sample_by_sample(
 ) -> None:
     """Figures are given the extremes of stretches: no peak is lost, and files stay small."""
     monkeypatch.setattr(output_files, "MOST_PREDICTED", 4 * 2 * SAMPLED - 1)
-    run = dataclasses.replace(sampled("auto"))  # of which nothing was said yet
+    run = dataclasses.replace(sampled("exact"))  # of which nothing was said yet
     (whole,) = every_fit(run.job.problem, run.sampled.draws[0, -1], run.analysis.fit)
     assert len(whole.t) == SAMPLED
     monkeypatch.setattr(fit_section, "SHOWN_STRETCHES", 125)
@@ -208,7 +208,7 @@ def test_a_resumed_run_has_the_same_basis_functions() -> None:
 @cache
 def coloured(likelihood: str) -> bd.Run:
     """A run of a record in which the noise of one channel is autoregressive."""
-    t, v, w, rng = speeds(4201, 6)
+    t, v, w, rng = speeds(2401, 6)
     noise = 0.1 * rng.standard_normal(w.shape)
     noise[1] = lfilter([np.sqrt(1.0 - RHO**2)], [1.0, -RHO], noise[1])
     free = ("k_e", "r_m", "k_s")

@@ -76,9 +76,9 @@ def test_missing_samples_count_as_if_they_were_never_measured(level: str, experi
 @cache
 def with_torque() -> tuple[Posterior, np.ndarray]:
     """Return a posterior of nine parameters, one sigma of two, size and time; and the truth."""
-    sigmas, t = {"theta_1": 0.1, "w_2": 0.2}, 0.03 * np.arange(151)
+    sigmas, t = {"theta_1": 0.1, "w_1": 0.2}, 0.03 * np.arange(151)
     rng = np.random.default_rng(8)
-    return posterior_with_torque(t, 8.0, sigmas, rng, unknown_sigmas=("w_2",))[:2]
+    return posterior_with_torque(t, 8.0, sigmas, rng, unknown_sigmas=("w_1",))[:2]
 
 
 def near_truth(n: int) -> np.ndarray:
@@ -116,7 +116,7 @@ def test_predictions_one_step_ahead_are_those_of_the_covariance_of_all_samples()
     residuals = experiment.y - observation.signals(target.space.full(theta[None]))[0]
     states = process(NOMINAL, "rotor_1", "3/2", SIZE, TIME)
     weights = np.zeros((2, len(states[0])))
-    weights[0, 0] = weights[1, 3] = 1.0
+    weights[0, 0] = weights[1, 2] = 1.0
     joint = covariance(states, weights, np.array([0.1, 0.2]), experiment.t, experiment.t_start)
     lower = np.linalg.cholesky(joint)
     white = np.linalg.solve(lower, residuals.ravel())

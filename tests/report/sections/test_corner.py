@@ -62,7 +62,7 @@ def test_nominal_values_and_the_map_are_at_their_places() -> None:
             for k, place, expected in places:
                 assert si(labels[k], place) == pytest.approx(expected, rel=1e-9)
 
-    cases = {"1": ((1,), None), "2": ((0, 6), None), "9": (NINE, None), "narrow": (NINE, 1e-5)}
+    cases = {"1": ((1,), None), "2": ((0, 6), None), "9": (NINE, None), "narrow": ((0, 3, 6), 1e-5)}
     for_each(cases, check)
 
 

@@ -274,10 +274,14 @@ SENSED = {
     "start": ObservationModel(states={"theta_d0": "theta_2_0", "w_d0": "w_1_0"}),
     "steady": ObservationModel(steady=True),
 }
-# Every pair of a number of states, times, and what walkers have of their own.  Kernels of more than
-# ten states are others, and those of forty keep matrices elsewhere.
+# Numbers of states, times, and what walkers have of their own.  Kernels of more than ten states are
+# others, and those of forty keep matrices elsewhere.  Kernels do not know gains from offsets or
+# starts, and with lags those of many states compile for seconds: these are not repeated.
+REPEATED = {5: ("lags",), 20: ("lags", "start", "steady")}
 for row, count in enumerate((1, 5, 6, 20)):
     for column, (what, sensing) in enumerate(SENSED.items()):
+        if what in REPEATED.get(count, ()):
+            continue
         at = ("even", "gaps", "jitter", "two clocks")[(row + column) % 4]
         MAKE[f"{2 * count} states, {at}, {what}"] = functools.partial(
             chain, count, at, sensing=sensing
