@@ -111,7 +111,7 @@ class Transitions:
     `kind` is that of its numbers, with slopes or without. `parameters` are the addresses of their
     values and slopes, and `constants` that of the constant inputs. `table` is the address of the
     exponentials of steps. `width` is the span that ratios refer to. `rungs` is the address of the
-    ladder's exponentials.
+    ladder's exponentials. `halved` says whether sums of a step have two halves, see `sum_products`.
     """
 
     b: Builder
@@ -122,6 +122,7 @@ class Transitions:
     table: ir.Value
     rungs: ir.Value
     width: Vector
+    halved: bool = True
 
     @property
     def size(self) -> int:
@@ -191,7 +192,7 @@ class Transitions:
         following = []
         for i in range(x):
             terms = [(phi[i, j], value) for j, value in columns.items() if (i, j) in phi]
-            following.append(sum_products(phi.get((i, x), zero), terms))
+            following.append(sum_products(phi.get((i, x), zero), terms, halved=self.halved))
         return following
 
     def _multiply_large(self, phi: ir.Value, state: State, drive: InputHold) -> State:
