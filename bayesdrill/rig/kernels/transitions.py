@@ -16,7 +16,7 @@ from functools import cached_property
 
 from llvmlite import ir
 
-from bayesdrill.basics.duals import dual, where
+from bayesdrill.basics.duals import Dual, dual, where
 from bayesdrill.rig.kernels.exponential import (
     Layout,
     emit_balanced_norm,
@@ -33,6 +33,7 @@ from bayesdrill.rig.kernels.lanes import (
     Integer,
     Loop,
     Mask,
+    Values,
     Vector,
     vector,
 )
@@ -310,9 +311,20 @@ class Transitions:
         """Return state and drive after a span of `ratio` times the width."""
         b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
         _, high, rungs = (b.load(b.offset(ladder.counts, place)) for place in range(3))
-        inputs, count = [*drive.inputs], len(drive.inputs)
-        slots = b.slots(len(kind.flat([*state, *inputs, ratio])))
-        b.write_slots(kind.flat([*state, *inputs, ratio]), slots)
+        plain = Numbers(
+            b, isinstance(ratio, Dual)
+        )  # inputs have slopes only where the span has one
+
+        def flat(numbers: State) -> Values:
+            return [*kind.flat(numbers[:x]), *plain.flat(numbers[x:])]
+
+        def shaped(registers: Values) -> State:
+            first = x * kind.width
+            return [*kind.shaped(registers[:first]), *plain.shaped(registers[first:])]
+
+        begin = flat([*state, *drive.inputs, ratio])
+        slots = b.slots(len(begin))
+        b.write_slots(begin, slots)
         # Skip the rungs that are longer than the span of every lane.
         whole = b.largest(b.fptosi(dual(ratio).value.value, INT_VEC))
         above = b.sub(high, b.sub(64, b.ctlz(whole, ir.IntType(1)(0))))
@@ -320,7 +332,7 @@ class Transitions:
         more = b.sub(rungs, above)
         with b.if_then(b.icmp_signed(">", more, 0)), b.loop(more, "ladder") as step:
             rung = b.add(above, step)
-            *old, left = kind.shaped(b.read_slots(slots))
+            *old, left = shaped(b.read_slots(slots))
             share = Vector(b, self._rung_share(rung))
             taken = b.fcmp_ordered(">=", dual(left).value.value, share.value)
             depth = b.load(ladder.halvings)
@@ -331,9 +343,9 @@ class Transitions:
                 new = self.step(self.rungs, rung)(old[:x], here)
                 new += here.later(share * self.width).inputs
                 pairs = zip([*new, left - share], [*old, left], strict=True)
-                b.write_slots(kind.flat([where(Mask(b, taken), *pair) for pair in pairs]), slots)
-        *moved, left = kind.shaped(b.read_slots(slots))
-        state, drive = moved[:x], InputHold(moved[x : x + count], drive.slopes)
+                b.write_slots(flat([where(Mask(b, taken), *pair) for pair in pairs]), slots)
+        *moved, left = shaped(b.read_slots(slots))
+        state, drive = moved[:x], InputHold(moved[x:], drive.slopes)
         return self._series(left, state, drive), drive.later(left * self.width)
 
     def _series(self, ratio: Number, state: State, drive: InputHold) -> State:
@@ -358,12 +370,13 @@ class Transitions:
         }  # fmt: skip
         term = self._rate(dict(enumerate(term)) | slopes)
         power, total = add(2, term, power, total)
-        count = b.sub(b.load(ladder.counts), 2)
-        more = Loop(b, count, kind.flat([*term, power, *total]), "terms")
-        numbers = kind.shaped(more.carried)
+        count, plain = b.sub(b.load(ladder.counts), 2), Numbers(b, isinstance(power, Dual))
+        more = Loop(b, count, [*kind.flat([*term, *total]), *plain.flat([power])], "terms")
+        carried = more.carried[: -plain.width]
+        numbers, (power,) = kind.shaped(carried), plain.shaped(more.carried[len(carried) :])
         term = self._rate(dict(enumerate(numbers[:x])))
-        power, total = add(b.add(more.index, 3), term, numbers[x], numbers[x + 1 :])
-        more.close(kind.flat([*term, power, *total]))
+        power, total = add(b.add(more.index, 3), term, power, numbers[x:])
+        more.close([*kind.flat([*term, *total]), *plain.flat([power])])
         return total
 
     def _rate(self, columns: dict[int, Number]) -> State:
