@@ -398,6 +398,7 @@ class _Walker:
         """Advance from the `first` knot on by steps of several samples, and show channels."""
         b, kind, x, k_count, m = self.b, self.kind, self.x, self.w.k, self.shape.joined
         out, columns = self.shape.joined_sizes
+        out -= k_count  # channels after the last step are those of the next samples
         z, following = kind.room(columns), kind.room(out)
         kind.put_row([*kind.row(self.state, x), Vector(b, vector(1.0))], z)
         steps = Loop(b, b.sdiv(rows, m), totals, "steps")
@@ -406,8 +407,10 @@ class _Walker:
         at = b.offset(self.w.a["u"], knot, self.w.layout.size - x - 1)
         kind.put_row([number(b, at, c) for c in range(columns - x - 1)], z, x + 1)
         multiply_large(b, following, self.joined, z, (out, columns, 1), slopes=kind.slopes)
+        state = kind.row(z, x)
         for j, k in itertools.product(range(m), range(k_count)):
-            shown = kind.get(following, x + j * k_count + k)
+            place = x + (j - 1) * k_count + k
+            shown = kind.get(following, place) if j else self._seen(k, state)
             totals = self.show(b.add(knot, j), b.add(row, j), k, shown, totals)
         b.copy(following, z, x * kind.width)
         steps.close(totals)

@@ -208,8 +208,8 @@ class Transitions:
     ) -> None:
         """Store the matrix of `count` steps at once, from z = (x, 1, inputs of all steps).
 
-        It gives x after the steps, and the channels at each of them. All steps are the first of the
-        table. Each column follows a unit vector of z through the steps. Channels are `rows` of x
+        It gives x after the steps, and the channels after each of them. All steps are the first of
+        the table. Each column follows a unit vector of z through the steps. Channels are `rows` of x
         and 1.
         """
         b, kind, x, n = self.b, self.kind, self.layout.n_states, self.layout.size
@@ -219,12 +219,6 @@ class Transitions:
         with b.loop(x + 1, "units") as unit:
             kind.put(unity, units, b.mul(unit, columns + 1))
         with b.loop(count, "steps") as step:
-            shown = kind.at(joined, b.mul(b.add(b.mul(step, len(rows)), x), columns))
-            with b.loop(columns, "columns") as column:
-                at, into = kind.at(units, column), kind.at(shown, column)
-                for k, row in enumerate(rows):
-                    terms = [(weight, kind.get(at, i * columns)) for i, weight in row.items()]
-                    kind.put(sum_products(kind.zero(), terms), into, k * columns)
             first = b.add(b.mul(step, n - x - 1), x + 1)
             for drive in range(n - x - 1):
                 unit = kind.at(units, (x + 1 + drive) * columns)
@@ -233,6 +227,12 @@ class Transitions:
             sizes = (x, n, columns)
             multiply_large(b, following, self.table, units, sizes, slopes=kind.slopes)
             b.copy(following, units, x * columns * kind.width)
+            shown = kind.at(joined, b.mul(b.add(b.mul(step, len(rows)), x), columns))
+            with b.loop(columns, "columns") as column:
+                at, into = kind.at(units, column), kind.at(shown, column)
+                for k, row in enumerate(rows):
+                    terms = [(weight, kind.get(at, i * columns)) for i, weight in row.items()]
+                    kind.put(sum_products(kind.zero(), terms), into, k * columns)
         b.copy(units, joined, x * columns * kind.width)
 
     # Other spans than those in the table.
