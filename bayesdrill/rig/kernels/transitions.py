@@ -237,16 +237,24 @@ class Transitions:
 
     # Other spans than those in the table.
 
-    def rate_entries(self) -> list[tuple[int, int]]:
+    @cached_property
+    def _rate_entries(self) -> list[tuple[int, int]]:
         """Return (row, column) of the entries of A, c and B that the rig has."""
         entries = self.layout.entries([1.0] * self.layout.n_numbers)
         return sorted({(row, column) for row, column, _ in entries if row < self.layout.n_states})
 
     @cached_property
+    def _constant_rates(self) -> set[tuple[int, int]]:
+        """Return the (row, column) of entries that depend on no parameter and have no slope."""
+        entries = self.layout.entries([Dual(1.0, 1.0)] * self.layout.n_numbers)
+        depends = {(row, column) for row, column, value in entries if isinstance(value, Dual)}
+        return {*self._rate_entries} - depends
+
+    @cached_property
     def _ladder(self) -> ExponentialLadder:
         b = self.b
         return ExponentialLadder(
-            rates=self.kind.room(len(self.rate_entries())),
+            rates=self.kind.room(len(self._rate_entries)),
             weights=b.room(MAX_SERIES_DEGREE + 1),
             scale=b.slots(2),
             halvings=b.room(1, INT_VEC),
@@ -266,7 +274,7 @@ class Transitions:
         fit = b.and_(fit, b.fcmp_ordered("<", norm, vector(MAX_NORM)))
         norm = b.select(fit, norm, least)
         over = Vector(b, b.fdiv(vector(1.0), norm))
-        for index, entry in enumerate(self.rate_entries()):
+        for index, entry in enumerate(self._rate_entries):
             self.kind.put(entries[entry] * over, ladder.rates, index)
         whole = b.fmul(norm, self.width.value)
         halvings = emit_halvings(b, whole, MAX_SERIES_NORM)
@@ -383,10 +391,15 @@ class Transitions:
         """Return the rates of the states over norm."""
         rates: list[Number] = []
         zero = Vector(self.b, vector(0.0))
+
+        def load(n: int, place: tuple[int, int]) -> Number:
+            rate = self.kind.get(self._ladder.rates, n)
+            return dual(rate).value if place in self._constant_rates else rate
+
         for row in range(self.layout.n_states):
             terms = [
-                (self.kind.get(self._ladder.rates, n), columns[c])
-                for n, (r, c) in enumerate(self.rate_entries())
+                (load(n, (r, c)), columns[c])
+                for n, (r, c) in enumerate(self._rate_entries)
                 if r == row and c in columns
             ]
             rates.append(sum_products(zero, terms))
