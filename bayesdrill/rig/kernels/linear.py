@@ -54,11 +54,7 @@ from bayesdrill.rig.kernels.linear_arguments import (
 )
 from bayesdrill.rig.kernels.numbers import Number, Numbers, multiply_large, sum_products
 from bayesdrill.rig.kernels.sums import SQUARES, Record, ResidualSums, Sample
-from bayesdrill.rig.kernels.transitions import (
-    InputHold,
-    State,
-    Transitions,
-)
+from bayesdrill.rig.kernels.transitions import InputHold, State, Transitions
 
 FARTHEST = 2.0**40  # largest delay in steps; larger ones have the same effect
 TILE, MOST_TOTALS = 2, 24  # planes whose products share loads, and sums that stay in registers
@@ -67,10 +63,7 @@ VALUES, SLOPES, BOTH = [0], [1], [0, 1]  # parts of a number
 
 def write_linear(module: Module, shape: LinearShape) -> None:
     """Write the kernel `linear`, of `COUNTS` and addresses of `BLOCKS`."""
-    with (
-        kernel(module, "linear", COUNTS, BLOCKS) as (a, b),
-        b.loop(a["groups"], "groups") as group,
-    ):
+    with kernel(module, "linear", COUNTS, BLOCKS) as (a, b), b.loop(a["groups"], "groups") as group:
         _Writer(b, a, shape, group).write()
 
 
