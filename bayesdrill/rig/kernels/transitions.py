@@ -319,9 +319,8 @@ class Transitions:
         """Return state and drive after a span of `ratio` times the width."""
         b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
         _, high, rungs = (b.load(b.offset(ladder.counts, place)) for place in range(3))
-        plain = Numbers(
-            b, isinstance(ratio, Dual)
-        )  # inputs have slopes only where the span has one
+        # Inputs have slopes only where the span has one.
+        plain = Numbers(b, isinstance(ratio, Dual))
 
         def flat(numbers: State) -> Values:
             return [*kind.flat(numbers[:x]), *plain.flat(numbers[x:])]
