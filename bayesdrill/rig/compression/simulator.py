@@ -296,10 +296,7 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
 
 
 def column_blocks(
-    record: LongRecord,
-    basis: Basis,
-    shape: BasisShape,
-    left: Iterable[tuple[Array, Array]],
+    record: LongRecord, basis: Basis, shape: BasisShape, left: Iterable[tuple[Array, Array]]
 ) -> Iterator[tuple[Array, Array]]:
     """Yield columns `(m, n)` at samples, and the reference's residuals `(m, K)`.
 

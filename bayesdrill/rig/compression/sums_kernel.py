@@ -11,21 +11,9 @@ from itertools import islice
 import numpy as np
 from llvmlite import ir
 
-from bayesdrill.rig.compression.basis_kernel import (
-    ROWS,
-    BasisExpansion,
-    BasisShape,
-)
+from bayesdrill.rig.compression.basis_kernel import ROWS, BasisExpansion, BasisShape
 from bayesdrill.rig.kernels.exponential import store_exponential
-from bayesdrill.rig.kernels.lanes import (
-    NUMBERS,
-    VECTORS,
-    WHOLE,
-    Loop,
-    Module,
-    kernel,
-    vector,
-)
+from bayesdrill.rig.kernels.lanes import NUMBERS, VECTORS, WHOLE, Loop, Module, kernel, vector
 from bayesdrill.rig.kernels.numbers import Blocks
 
 COUNTS = ("groups", "columns", "channel", "sum", "q")

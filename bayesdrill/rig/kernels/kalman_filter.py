@@ -31,7 +31,6 @@ from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.rig.kernels.exponential import (
-    Pattern,
     emit_halvings,
     emit_norm,
     emit_power,
@@ -74,12 +73,12 @@ GAUSS_NODES = 9  # exact for polynomials up to degree 17
 class StateSpace:
     """The state space is that of a rig with its torque, for which kernels are specialised.
 
-    `channels (K, n)` says which states a channel shows, those of the torque last. Their weights are
-    arguments.
+    `channels (K, n)` has the weights of states in channels, those of the torque last. Weights other
+    than 0, 1 and -1 are None, and arguments of the kernel.
     """
 
     model: AugmentedModel
-    channels: Pattern
+    channels: tuple[tuple[float | None, ...], ...]
 
     @property
     def text(self) -> str:
@@ -113,7 +112,11 @@ class StateSpace:
 
     def weights(self, b: Builder, weights: ir.Value, k: int) -> dict[int, Vector]:
         """Return the weights of channel k, by state, from the block of all `weights (K, n)`."""
-        return {i: number(b, weights, k * self.n + i) for i in range(self.n) if self.channels[k][i]}
+        return {
+            i: number(b, weights, k * self.n + i) if known is None else Vector(b, vector(known))
+            for i, known in enumerate(self.channels[k])
+            if known != 0.0
+        }
 
 
 @routine

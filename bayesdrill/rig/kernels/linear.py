@@ -20,6 +20,7 @@ either: most of the code, and of the time to compile it, is that of the matrices
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 from functools import partial
@@ -53,22 +54,16 @@ from bayesdrill.rig.kernels.linear_arguments import (
 )
 from bayesdrill.rig.kernels.numbers import Number, Numbers, multiply_large, sum_products
 from bayesdrill.rig.kernels.sums import SQUARES, Record, ResidualSums, Sample
-from bayesdrill.rig.kernels.transitions import (
-    InputHold,
-    State,
-    Transitions,
-)
+from bayesdrill.rig.kernels.transitions import InputHold, State, Transitions
 
 FARTHEST = 2.0**40  # largest delay in steps; larger ones have the same effect
+TILE, MOST_TOTALS = 2, 24  # planes whose products share loads, and sums that stay in registers
 VALUES, SLOPES, BOTH = [0], [1], [0, 1]  # parts of a number
 
 
 def write_linear(module: Module, shape: LinearShape) -> None:
     """Write the kernel `linear`, of `COUNTS` and addresses of `BLOCKS`."""
-    with (
-        kernel(module, "linear", COUNTS, BLOCKS) as (a, b),
-        b.loop(a["groups"], "groups") as group,
-    ):
+    with kernel(module, "linear", COUNTS, BLOCKS) as (a, b), b.loop(a["groups"], "groups") as group:
         _Writer(b, a, shape, group).write()
 
 
@@ -170,27 +165,47 @@ class _Writer:
         with b.loop(self.plane_count, "whiten") as plane:
             self._whiten(plane, first, rows)
 
-        def products(plane: Integer, other: Integer) -> Values:
-            samples = Loop(b, rows, [vector(0.0)] * k_count, "products")
-            left, right = (b.read_row(self.at(p, samples.index), k_count) for p in (plane, other))
-            totals = [b.fma(*each) for each in zip(left, right, samples.carried, strict=True)]
-            samples.close(totals)
-            return totals
+        def totals(planes: list[Integer], others: list[Integer]) -> list[Values]:
+            """Return for each plane and each other the sums `(K,)` of products of samples."""
+            pairs = [*itertools.product(range(len(planes)), range(len(others)))]
+            samples = Loop(b, rows, [vector(0.0)] * len(pairs) * k_count, "products")
+            left, right = (
+                [b.read_row(self.at(p, samples.index), k_count) for p in some]
+                for some in (planes, others)
+            )
+            factors = [each for p, o in pairs for each in zip(left[p], right[o], strict=True)]
+            new = [
+                b.fma(*each, so_far) for each, so_far in zip(factors, samples.carried, strict=True)
+            ]
+            samples.close(new)
+            return [new[n * k_count :][:k_count] for n in range(len(pairs))]
 
         def add(value: ir.Value, index: Integer) -> None:
             at = b.offset(self.products, index)
             b.write(b.fadd(b.read(at, 0), value), at, 0)
 
-        for k, square in enumerate(products(0, 0)):
+        def add_tile(planes: list[Integer], others: list[Integer]) -> None:
+            sums = zip(itertools.product(planes, others), totals(planes, others), strict=True)
+            for (plane, other), each in sums:
+                row = b.add(b.mul(plane, self.plane_count), other)
+                add(functools.reduce(b.fadd, each), b.add(row, k_count))
+
+        (squares,) = totals([0], [0])
+        for k, square in enumerate(squares):
             add(square, k)
-        with (
-            b.loop(self.plane_count, "planes") as plane,
-            b.loop(b.add(plane, 1), "others") as other,
-        ):
-            total, *more = products(plane, other)
-            for value in more:
-                total = b.fadd(total, value)
-            add(total, b.add(b.add(b.mul(plane, self.plane_count), other), k_count))
+        size = TILE if TILE**2 * k_count <= MOST_TOTALS else 1
+
+        def tile(index: ir.Value) -> list[Integer]:
+            return [b.add(b.mul(index, size), n) for n in range(size)]
+
+        tiles = b.sdiv(self.plane_count, size)
+        with b.loop(tiles, "tiles") as i, b.loop(b.add(i, 1), "others") as j:
+            add_tile(tile(i), tile(j))
+        last = b.sub(self.plane_count, 1)
+        with b.if_then(b.icmp_signed("==", b.mul(tiles, size), last)):
+            with b.loop(tiles, "others") as j:
+                add_tile([last], tile(j))
+            add_tile([last], [last])
 
     def _whiten(self, plane: ir.Value, first: ir.Value, rows: ir.Value) -> None:
         """Store in a plane the whitened residuals, or their slopes, in place of these.
@@ -376,6 +391,7 @@ class _Walker:
         """Advance from the `first` knot on by steps of several samples, and show channels."""
         b, kind, x, k_count, m = self.b, self.kind, self.x, self.w.k, self.shape.joined
         out, columns = self.shape.joined_sizes
+        out -= k_count  # channels after the last step are those of the next samples
         z, following = kind.room(columns), kind.room(out)
         kind.put_row([*kind.row(self.state, x), Vector(b, vector(1.0))], z)
         steps = Loop(b, b.sdiv(rows, m), totals, "steps")
@@ -384,8 +400,10 @@ class _Walker:
         at = b.offset(self.w.a["u"], knot, self.w.layout.size - x - 1)
         kind.put_row([number(b, at, c) for c in range(columns - x - 1)], z, x + 1)
         multiply_large(b, following, self.joined, z, (out, columns, 1), slopes=kind.slopes)
+        state = kind.row(z, x)
         for j, k in itertools.product(range(m), range(k_count)):
-            shown = kind.get(following, x + j * k_count + k)
+            place = x + (j - 1) * k_count + k
+            shown = kind.get(following, place) if j else self._seen(k, state)
             totals = self.show(b.add(knot, j), b.add(row, j), k, shown, totals)
         b.copy(following, z, x * kind.width)
         steps.close(totals)

@@ -113,9 +113,14 @@ class Numbers:
         return self.shaped(new)
 
 
-def sum_products(start: Number, terms: Sequence[tuple[Number, Number]]) -> Number:
-    """Return `start` plus the sum of products, in two halves that run in parallel."""
-    half = (len(terms) + 1) // 2
+def sum_products(
+    start: Number, terms: Sequence[tuple[Number, Number]], *, halved: bool = True
+) -> Number:
+    """Return `start` plus the sum of products, in two halves that run in parallel.
+
+    Without halves it takes fewer registers, which is faster where other work fills the pipelines.
+    """
+    half = (len(terms) + 1) // 2 if halved else len(terms)
     first = start
     for factor, other in terms[:half]:
         first = multiply_add(factor, other, first)

@@ -293,6 +293,7 @@ def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> No
             transitions = Transitions(
                 b=b, layout=layout, kind=m, parameters=(parameters,), constants=a["constants"],
                 table=table, rungs=table, width=Vector(b, b.shared(a["spans"], 0)),
+                halved=False,
             )  # fmt: skip
             transitions.fill_table(b.add(a["lead"], 1), a["spans"], None)
             state = [Vector(b, b.shared(a["start"], i)) for i in range(n)]

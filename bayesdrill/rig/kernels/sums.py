@@ -199,12 +199,7 @@ class _Intervals(ResidualSums):
         return [squares, *b.replace_if(far, others, moved)]
 
     def _moved(
-        self,
-        b: Builder,
-        totals: Values,
-        near: ir.Value,
-        middle: ir.Value,
-        half: ir.Value,
+        self, b: Builder, totals: Values, near: ir.Value, middle: ir.Value, half: ir.Value
     ) -> Values:
         product, powers, logs = totals
         zero, minus = vector(0.0), vector(-0.5)

@@ -16,7 +16,7 @@ from functools import cached_property
 
 from llvmlite import ir
 
-from bayesdrill.basics.duals import dual, where
+from bayesdrill.basics.duals import Dual, dual, where
 from bayesdrill.rig.kernels.exponential import (
     Layout,
     emit_balanced_norm,
@@ -33,6 +33,7 @@ from bayesdrill.rig.kernels.lanes import (
     Integer,
     Loop,
     Mask,
+    Values,
     Vector,
     vector,
 )
@@ -111,7 +112,7 @@ class Transitions:
     `kind` is that of its numbers, with slopes or without. `parameters` are the addresses of their
     values and slopes, and `constants` that of the constant inputs. `table` is the address of the
     exponentials of steps. `width` is the span that ratios refer to. `rungs` is the address of the
-    ladder's exponentials.
+    ladder's exponentials. `halved` says whether sums of a step have two halves, see `sum_products`.
     """
 
     b: Builder
@@ -122,6 +123,7 @@ class Transitions:
     table: ir.Value
     rungs: ir.Value
     width: Vector
+    halved: bool = True
 
     @property
     def size(self) -> int:
@@ -191,7 +193,7 @@ class Transitions:
         following = []
         for i in range(x):
             terms = [(phi[i, j], value) for j, value in columns.items() if (i, j) in phi]
-            following.append(sum_products(phi.get((i, x), zero), terms))
+            following.append(sum_products(phi.get((i, x), zero), terms, halved=self.halved))
         return following
 
     def _multiply_large(self, phi: ir.Value, state: State, drive: InputHold) -> State:
@@ -206,8 +208,8 @@ class Transitions:
     ) -> None:
         """Store the matrix of `count` steps at once, from z = (x, 1, inputs of all steps).
 
-        It gives x after the steps, and the channels at each of them. All steps are the first of the
-        table. Each column follows a unit vector of z through the steps. Channels are `rows` of x
+        It gives x after the steps, and the channels after each of them. All steps are the first of
+        the table. Each column follows a unit vector of z through the steps. Channels are `rows` of x
         and 1.
         """
         b, kind, x, n = self.b, self.kind, self.layout.n_states, self.layout.size
@@ -217,12 +219,6 @@ class Transitions:
         with b.loop(x + 1, "units") as unit:
             kind.put(unity, units, b.mul(unit, columns + 1))
         with b.loop(count, "steps") as step:
-            shown = kind.at(joined, b.mul(b.add(b.mul(step, len(rows)), x), columns))
-            with b.loop(columns, "columns") as column:
-                at, into = kind.at(units, column), kind.at(shown, column)
-                for k, row in enumerate(rows):
-                    terms = [(weight, kind.get(at, i * columns)) for i, weight in row.items()]
-                    kind.put(sum_products(kind.zero(), terms), into, k * columns)
             first = b.add(b.mul(step, n - x - 1), x + 1)
             for drive in range(n - x - 1):
                 unit = kind.at(units, (x + 1 + drive) * columns)
@@ -231,20 +227,34 @@ class Transitions:
             sizes = (x, n, columns)
             multiply_large(b, following, self.table, units, sizes, slopes=kind.slopes)
             b.copy(following, units, x * columns * kind.width)
+            shown = kind.at(joined, b.mul(b.add(b.mul(step, len(rows)), x), columns))
+            with b.loop(columns, "columns") as column:
+                at, into = kind.at(units, column), kind.at(shown, column)
+                for k, row in enumerate(rows):
+                    terms = [(weight, kind.get(at, i * columns)) for i, weight in row.items()]
+                    kind.put(sum_products(kind.zero(), terms), into, k * columns)
         b.copy(units, joined, x * columns * kind.width)
 
     # Other spans than those in the table.
 
-    def rate_entries(self) -> list[tuple[int, int]]:
+    @cached_property
+    def _rate_entries(self) -> list[tuple[int, int]]:
         """Return (row, column) of the entries of A, c and B that the rig has."""
         entries = self.layout.entries([1.0] * self.layout.n_numbers)
         return sorted({(row, column) for row, column, _ in entries if row < self.layout.n_states})
 
     @cached_property
+    def _constant_rates(self) -> set[tuple[int, int]]:
+        """Return the (row, column) of entries that depend on no parameter and have no slope."""
+        entries = self.layout.entries([Dual(1.0, 1.0)] * self.layout.n_numbers)
+        depends = {(row, column) for row, column, value in entries if isinstance(value, Dual)}
+        return {*self._rate_entries} - depends
+
+    @cached_property
     def _ladder(self) -> ExponentialLadder:
         b = self.b
         return ExponentialLadder(
-            rates=self.kind.room(len(self.rate_entries())),
+            rates=self.kind.room(len(self._rate_entries)),
             weights=b.room(MAX_SERIES_DEGREE + 1),
             scale=b.slots(2),
             halvings=b.room(1, INT_VEC),
@@ -264,7 +274,7 @@ class Transitions:
         fit = b.and_(fit, b.fcmp_ordered("<", norm, vector(MAX_NORM)))
         norm = b.select(fit, norm, least)
         over = Vector(b, b.fdiv(vector(1.0), norm))
-        for index, entry in enumerate(self.rate_entries()):
+        for index, entry in enumerate(self._rate_entries):
             self.kind.put(entries[entry] * over, ladder.rates, index)
         whole = b.fmul(norm, self.width.value)
         halvings = emit_halvings(b, whole, MAX_SERIES_NORM)
@@ -309,9 +319,19 @@ class Transitions:
         """Return state and drive after a span of `ratio` times the width."""
         b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
         _, high, rungs = (b.load(b.offset(ladder.counts, place)) for place in range(3))
-        inputs, count = [*drive.inputs], len(drive.inputs)
-        slots = b.slots(len(kind.flat([*state, *inputs, ratio])))
-        b.write_slots(kind.flat([*state, *inputs, ratio]), slots)
+        # Inputs have slopes only where the span has one.
+        plain = Numbers(b, isinstance(ratio, Dual))
+
+        def flat(numbers: State) -> Values:
+            return [*kind.flat(numbers[:x]), *plain.flat(numbers[x:])]
+
+        def shaped(registers: Values) -> State:
+            first = x * kind.width
+            return [*kind.shaped(registers[:first]), *plain.shaped(registers[first:])]
+
+        begin = flat([*state, *drive.inputs, ratio])
+        slots = b.slots(len(begin))
+        b.write_slots(begin, slots)
         # Skip the rungs that are longer than the span of every lane.
         whole = b.largest(b.fptosi(dual(ratio).value.value, INT_VEC))
         above = b.sub(high, b.sub(64, b.ctlz(whole, ir.IntType(1)(0))))
@@ -319,7 +339,7 @@ class Transitions:
         more = b.sub(rungs, above)
         with b.if_then(b.icmp_signed(">", more, 0)), b.loop(more, "ladder") as step:
             rung = b.add(above, step)
-            *old, left = kind.shaped(b.read_slots(slots))
+            *old, left = shaped(b.read_slots(slots))
             share = Vector(b, self._rung_share(rung))
             taken = b.fcmp_ordered(">=", dual(left).value.value, share.value)
             depth = b.load(ladder.halvings)
@@ -330,9 +350,9 @@ class Transitions:
                 new = self.step(self.rungs, rung)(old[:x], here)
                 new += here.later(share * self.width).inputs
                 pairs = zip([*new, left - share], [*old, left], strict=True)
-                b.write_slots(kind.flat([where(Mask(b, taken), *pair) for pair in pairs]), slots)
-        *moved, left = kind.shaped(b.read_slots(slots))
-        state, drive = moved[:x], InputHold(moved[x : x + count], drive.slopes)
+                b.write_slots(flat([where(Mask(b, taken), *pair) for pair in pairs]), slots)
+        *moved, left = shaped(b.read_slots(slots))
+        state, drive = moved[:x], InputHold(moved[x:], drive.slopes)
         return self._series(left, state, drive), drive.later(left * self.width)
 
     def _series(self, ratio: Number, state: State, drive: InputHold) -> State:
@@ -357,22 +377,28 @@ class Transitions:
         }  # fmt: skip
         term = self._rate(dict(enumerate(term)) | slopes)
         power, total = add(2, term, power, total)
-        count = b.sub(b.load(ladder.counts), 2)
-        more = Loop(b, count, kind.flat([*term, power, *total]), "terms")
-        numbers = kind.shaped(more.carried)
+        count, plain = b.sub(b.load(ladder.counts), 2), Numbers(b, isinstance(power, Dual))
+        more = Loop(b, count, [*kind.flat([*term, *total]), *plain.flat([power])], "terms")
+        carried = more.carried[: -plain.width]
+        numbers, (power,) = kind.shaped(carried), plain.shaped(more.carried[len(carried) :])
         term = self._rate(dict(enumerate(numbers[:x])))
-        power, total = add(b.add(more.index, 3), term, numbers[x], numbers[x + 1 :])
-        more.close(kind.flat([*term, power, *total]))
+        power, total = add(b.add(more.index, 3), term, power, numbers[x:])
+        more.close([*kind.flat([*term, *total]), *plain.flat([power])])
         return total
 
     def _rate(self, columns: dict[int, Number]) -> State:
         """Return the rates of the states over norm."""
         rates: list[Number] = []
         zero = Vector(self.b, vector(0.0))
+
+        def load(n: int, place: tuple[int, int]) -> Number:
+            rate = self.kind.get(self._ladder.rates, n)
+            return dual(rate).value if place in self._constant_rates else rate
+
         for row in range(self.layout.n_states):
             terms = [
-                (self.kind.get(self._ladder.rates, n), columns[c])
-                for n, (r, c) in enumerate(self.rate_entries())
+                (load(n, (r, c)), columns[c])
+                for n, (r, c) in enumerate(self._rate_entries)
                 if r == row and c in columns
             ]
             rates.append(sum_products(zero, terms))

@@ -18,14 +18,7 @@ GROUND = "ground"  # the end of a shaft that does not move
 
 # Power of the gear reduction factor that refers a quantity at the load to the motor, by unit.
 GEAR_POWERS: Mapping[str, int] = MappingProxyType(
-    {
-        "kg*m**2": 2,
-        "N*m*s/rad": 2,
-        "N*m/rad": 2,
-        "N*m": 1,
-        "rad/s": -1,
-        "N*m*s**2/rad**2": 3,
-    }
+    {"kg*m**2": 2, "N*m*s/rad": 2, "N*m/rad": 2, "N*m": 1, "rad/s": -1, "N*m*s**2/rad**2": 3}
 )
 
 

@@ -41,14 +41,7 @@ from bayesdrill.rig.models.drive_parts import (
 from bayesdrill.rig.models.equations import PartsModel
 from bayesdrill.rig.models.linear import check_added
 from bayesdrill.rig.models.motor_shaft import Power
-from bayesdrill.rig.models.roles import (
-    GROUND,
-    MOTIONS,
-    InertiaRoles,
-    MotorRoles,
-    Roles,
-    ShaftRoles,
-)
+from bayesdrill.rig.models.roles import GROUND, MOTIONS, InertiaRoles, MotorRoles, Roles, ShaftRoles
 
 
 @dataclass(frozen=True, slots=True)

@@ -95,8 +95,9 @@ class KalmanFilter:
     @cached_property
     def system(self) -> StateSpace:
         """Return the state-space model for which kernels are specialised."""
-        shown = (self.output_matrix != 0.0).tolist()
-        return StateSpace(self.augmented, tuple(map(tuple, shown)))
+        rows = self.output_matrix.tolist()
+        known = (tuple(w if w in {-1.0, 0.0, 1.0} else None for w in row) for row in rows)
+        return StateSpace(self.augmented, tuple(known))
 
     @cached_property
     def output_matrix(self) -> Array:
