@@ -141,8 +141,8 @@ def design(
     family, experiments = options.pop("family", None) or FREE, options.pop("experiments", 1)
     if family not in (FREE, *FAMILIES):
         hint = did_you_mean(family, [FREE, *FAMILIES])
-        known = ", ".join((FREE, *FAMILIES))
-        raise InputError.at("--family", f"{family} is not one of {known}{hint}")
+        names = ", ".join((FREE, *FAMILIES))
+        raise InputError.at("--family", f"{family} is not one of {names}{hint}")
     if rival is not None and learn:
         raise InputError.at(
             "--tell", "a design either distinguishes models or learns targets; give only one"
