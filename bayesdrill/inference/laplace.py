@@ -259,9 +259,9 @@ class LogDensity:
         """Return slopes of the log prior, and minus its second derivatives, `(W, D)` each."""
         theta, coordinates = self.posterior.coordinates.to_physical(u), self.posterior.coordinates
         steps, (tilt, bend) = coordinates.slopes(theta), coordinates.jacobian_derivatives(u)
-        derivatives = [p.derivatives(theta[:, d]) for d, p in enumerate(self._priors)]
-        first, second = np.stack(derivatives, axis=-1)
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):  # points may lie far outside the priors
+            derivatives = [p.derivatives(theta[:, d]) for d, p in enumerate(self._priors)]
+            first, second = np.stack(derivatives, axis=-1)
             slope = np.nan_to_num(first * steps)
             curvature = np.maximum(np.nan_to_num(-second * steps**2 - slope * tilt), 0.0)
         if not self.physical:
