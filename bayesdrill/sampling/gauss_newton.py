@@ -16,13 +16,14 @@ DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # factors on the present damping,
 CORRECTED_TRIALS = 2  # the first trials may leave a curved ridge, and are returned to it
 TIGHT_DAMPING = 100.0  # damping on the way back, over the priors' precision: loose directions stay
 MAX_CORRECTIONS = 3  # steps back to a bent ridge, after a step along it
+SETTLED_GAIN = 1e-3  # a lower maximum is known well enough if another step gains less
 MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a point that needs more than the largest has arrived
 DAMPING_DECREASE = 0.3  # factor on the best damping of a step, for the next one
 PACE_STEPS = 3  # number of steps in the pace, because short ones follow a failed step
 RELEASE_SLOPE = 1e-9  # least scaled slope away from a bound that releases an unknown from it
 DIAGONAL_ROUNDING = 1e-12  # added to the scaled diagonal, so that flat directions stay solvable
 DIFFERENCE_STEP = 1e-4  # in priors' spreads, for differences of slopes
-MIN_GAIN = 1e-9  # a point whose next step would gain less of the log density has arrived
+MIN_GAIN = 1e-9  # a point has arrived if its pace is less; at a kink the model promises more
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,7 @@ def gauss_newton(
     A point that is closer than `merged` (in the priors' spreads) to a higher point gets the value
     -inf.  The pace of a climb is the gain that the model predicts, or the largest gain of the last
     steps if that is less.  A climb stops if at this pace it would end below `least`, or more than
-    `depth` below the highest point.
+    `depth` below the highest point.  With a finite `depth` it also stops near a lower maximum.
     """
     u = np.clip(start, surface.low, surface.high)
     value = surface.value(u)
@@ -70,7 +71,10 @@ def gauss_newton(
         here = model(surface, u[now])
         gain[now] = newton_gain(surface, u[now], here)
         pace = np.minimum(gain[now], gained[:, now].max(axis=0))
-        hopeful = value[now] + left * pace >= max(value.max() - depth, least)
+        reach = value[now] + left * pace
+        hopeful = reach >= max(value.max() - depth, least)
+        if math.isfinite(depth):
+            hopeful &= (reach >= value.max()) | (gain[now] > SETTLED_GAIN)
         under_way[now], now, here = hopeful, now[hopeful], here.rows(hopeful)
         if len(now) == 0:
             break
@@ -78,7 +82,8 @@ def gauss_newton(
         gained = np.roll(gained, 1, axis=0)
         gained[0, now] = moved[1] - value[now]
         u[now], value[now], damping[now], advanced = moved
-        under_way[now] = (gain[now] > MIN_GAIN) & (advanced | (damping[now] < MAX_DAMPING))
+        arrived = np.minimum(gain[now], gained[:, now].max(axis=0)) <= MIN_GAIN
+        under_way[now] = ~arrived & (advanced | (damping[now] < MAX_DAMPING))
         if merged:
             beside = (np.abs(u[:, None] - u) <= merged * surface.spread).all(axis=2)
             value[(beside & (value > value[:, None])).any(axis=1)] = -np.inf
@@ -110,20 +115,25 @@ def _best_step(
     surface: LogDensity, u: Array, value: Array, damping: Array, here: QuadraticModel
 ) -> tuple[Array, Array, Array, Flags]:
     """Take the best of steps with several dampings; return points, values, dampings and success."""
-    trials = [_damped_step(surface, u, here, damping * factor) for factor in DAMPING_FACTORS]
-    values = surface.value(np.concatenate(trials)).reshape(len(trials), -1)
-    for k in range(CORRECTED_TRIALS):
-        wanted = value + 0.5 * _predicted_gain(here, trials[k] - u)
-        trials[k], values[k] = _back_to_ridge(surface, trials[k], values[k], wanted)
-    best = np.argmax(values, axis=0)
-    best_values = np.take_along_axis(values, best[None], axis=0)[0]
-    advanced = best_values > value
-    best_trials = np.array(trials)[best, np.arange(len(u))]
-    less = damping * np.array(DAMPING_FACTORS)[best] * DAMPING_DECREASE
+    count, n = len(DAMPING_FACTORS), len(u)
+    rows = np.tile(np.arange(n), count)  # all trials are computed together
+    dampings = np.repeat(DAMPING_FACTORS, n) * damping[rows]
+    start, models = u[rows], here.rows(rows)
+    trials = _damped_step(surface, start, models, dampings)
+    values = surface.value(trials)
+    wanted = value[rows] + 0.5 * _predicted_gain(models, trials - start)
+    first = slice(CORRECTED_TRIALS * n)
+    _return_to_ridge(surface, trials[first], values[first], wanted[first])
+    best = np.argmax(values.reshape(count, n), axis=0) * n + np.arange(n)
+    advanced = values[best] > value
     return (
-        np.where(advanced[:, None], best_trials, u),
-        np.where(advanced, best_values, value),
-        np.where(advanced, np.maximum(less, MIN_DAMPING), damping * DAMPING_FACTORS[-1] * 10.0),
+        np.where(advanced[:, None], trials[best], u),
+        np.where(advanced, values[best], value),
+        np.where(
+            advanced,
+            np.maximum(dampings[best] * DAMPING_DECREASE, MIN_DAMPING),
+            damping * DAMPING_FACTORS[-1] * 10.0,
+        ),
         advanced,
     )
 
@@ -135,11 +145,11 @@ def _damped_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: A
     return np.clip(u + step, surface.low, surface.high)
 
 
-def _back_to_ridge(
-    surface: LogDensity, u: Array, value: Array, wanted: Array
-) -> tuple[Array, Array]:
-    """Move points whose log density is below `wanted` back to a bent ridge, in tight directions."""
-    u, value = u.copy(), value.copy()
+def _return_to_ridge(surface: LogDensity, u: Array, value: Array, wanted: Array) -> None:
+    """Move points whose log density is below `wanted` back to a bent ridge, in tight directions.
+
+    `u (n, D)` and `value (n,)` change in place.
+    """
     for _ in range(MAX_CORRECTIONS):
         low = np.flatnonzero((value < wanted) & np.isfinite(value))
         if len(low) == 0:
@@ -147,7 +157,6 @@ def _back_to_ridge(
         here = _gauss_newton_model(surface, u[low])
         u[low] = _damped_step(surface, u[low], here, np.full(len(low), TIGHT_DAMPING))
         value[low] = surface.value(u[low])
-    return u, value
 
 
 def bounded_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: Array) -> Array:

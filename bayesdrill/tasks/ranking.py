@@ -361,7 +361,8 @@ class Ranking:
         except InputError:
             return ()
         posteriors = [job.problem.posterior for job in jobs]
-        futures = [self.submit(refit_candidate, p, self.maximum, -math.inf) for p in posteriors]
+        rest = -math.inf, {}, {}, [self.maximum]  # the maximum of the whole record is near enough
+        futures = [self.submit(refit_candidate, p, self.maximum, *rest) for p in posteriors]
         maxima = [future.result() for future in futures]
         if None in maxima:
             return ()
