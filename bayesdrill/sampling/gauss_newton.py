@@ -23,7 +23,7 @@ PACE_STEPS = 3  # number of steps in the pace, because short ones follow a faile
 RELEASE_SLOPE = 1e-9  # least scaled slope away from a bound that releases an unknown from it
 DIAGONAL_ROUNDING = 1e-12  # added to the scaled diagonal, so that flat directions stay solvable
 DIFFERENCE_STEP = 1e-4  # in priors' spreads, for differences of slopes
-MIN_GAIN = 1e-9  # a point has arrived if its pace is less; at a kink the model promises more
+MIN_GAIN = 1e-9  # a point whose next step would gain less of the log density has arrived
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +82,7 @@ def gauss_newton(
         gained = np.roll(gained, 1, axis=0)
         gained[0, now] = moved[1] - value[now]
         u[now], value[now], damping[now], advanced = moved
-        arrived = np.minimum(gain[now], gained[:, now].max(axis=0)) <= MIN_GAIN
-        under_way[now] = ~arrived & (advanced | (damping[now] < MAX_DAMPING))
+        under_way[now] = (gain[now] > MIN_GAIN) & (advanced | (damping[now] < MAX_DAMPING))
         if merged:
             beside = (np.abs(u[:, None] - u) <= merged * surface.spread).all(axis=2)
             value[(beside & (value > value[:, None])).any(axis=1)] = -np.inf
