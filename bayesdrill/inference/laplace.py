@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayesdrill.basics.arrays import Array, Flags, Indices
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
 from bayesdrill.inference.unknowns import (
@@ -172,7 +172,7 @@ class QuadraticModel:
     slope: Array
     curvature: Array
 
-    def rows(self, chosen: Flags | Indices) -> QuadraticModel:
+    def rows(self, chosen: Flags) -> QuadraticModel:
         """Return the model at the `chosen (W,)` points."""
         return QuadraticModel(self.value[chosen], self.slope[chosen], self.curvature[chosen])
 

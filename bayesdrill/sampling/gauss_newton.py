@@ -114,25 +114,20 @@ def _best_step(
     surface: LogDensity, u: Array, value: Array, damping: Array, here: QuadraticModel
 ) -> tuple[Array, Array, Array, Flags]:
     """Take the best of steps with several dampings; return points, values, dampings and success."""
-    count, n = len(DAMPING_FACTORS), len(u)
-    rows = np.tile(np.arange(n), count)  # all trials are computed together
-    dampings = np.repeat(DAMPING_FACTORS, n) * damping[rows]
-    start, models = u[rows], here.rows(rows)
-    trials = _damped_step(surface, start, models, dampings)
-    values = surface.value(trials)
-    wanted = value[rows] + 0.5 * _predicted_gain(models, trials - start)
-    first = slice(CORRECTED_TRIALS * n)
-    _return_to_ridge(surface, trials[first], values[first], wanted[first])
-    best = np.argmax(values.reshape(count, n), axis=0) * n + np.arange(n)
-    advanced = values[best] > value
+    trials = [_damped_step(surface, u, here, damping * factor) for factor in DAMPING_FACTORS]
+    values = surface.value(np.concatenate(trials)).reshape(len(trials), -1)
+    for k in range(CORRECTED_TRIALS):
+        wanted = value + 0.5 * _predicted_gain(here, trials[k] - u)
+        trials[k], values[k] = _back_to_ridge(surface, trials[k], values[k], wanted)
+    best = np.argmax(values, axis=0)
+    best_values = np.take_along_axis(values, best[None], axis=0)[0]
+    advanced = best_values > value
+    best_trials = np.array(trials)[best, np.arange(len(u))]
+    less = damping * np.array(DAMPING_FACTORS)[best] * DAMPING_DECREASE
     return (
-        np.where(advanced[:, None], trials[best], u),
-        np.where(advanced, values[best], value),
-        np.where(
-            advanced,
-            np.maximum(dampings[best] * DAMPING_DECREASE, MIN_DAMPING),
-            damping * DAMPING_FACTORS[-1] * 10.0,
-        ),
+        np.where(advanced[:, None], best_trials, u),
+        np.where(advanced, best_values, value),
+        np.where(advanced, np.maximum(less, MIN_DAMPING), damping * DAMPING_FACTORS[-1] * 10.0),
         advanced,
     )
 
@@ -144,11 +139,11 @@ def _damped_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: A
     return np.clip(u + step, surface.low, surface.high)
 
 
-def _return_to_ridge(surface: LogDensity, u: Array, value: Array, wanted: Array) -> None:
-    """Move points whose log density is below `wanted` back to a bent ridge, in tight directions.
-
-    `u (n, D)` and `value (n,)` change in place.
-    """
+def _back_to_ridge(
+    surface: LogDensity, u: Array, value: Array, wanted: Array
+) -> tuple[Array, Array]:
+    """Move points whose log density is below `wanted` back to a bent ridge, in tight directions."""
+    u, value = u.copy(), value.copy()
     for _ in range(MAX_CORRECTIONS):
         low = np.flatnonzero((value < wanted) & np.isfinite(value))
         if len(low) == 0:
@@ -156,6 +151,7 @@ def _return_to_ridge(surface: LogDensity, u: Array, value: Array, wanted: Array)
         here = _gauss_newton_model(surface, u[low])
         u[low] = _damped_step(surface, u[low], here, np.full(len(low), TIGHT_DAMPING))
         value[low] = surface.value(u[low])
+    return u, value
 
 
 def bounded_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: Array) -> Array:
