@@ -27,6 +27,7 @@ ROTATION = 2  # cyclic shift of the quantiles from one unknown to the next
 FIRST_STEPS, LAST_STEPS = 4, 30  # numbers of Gauss-Newton steps from all starts, and from the best
 CLIMBED_STARTS = 8  # number of the best starts that take the last steps
 NEAR_END = 1e-3  # distance from an end of a prior, over its spread, that counts as at the end
+HOPELESS_DEPTH = 30.0  # a search stops if it would end this far below the least log density
 MERGED = 1e-3  # points that are this close, over the spreads, lead to one maximum
 # Another maximum is lower by at most this log density, and farther away than this share of the
 # spreads of the priors, and than this number of sds.
@@ -108,10 +109,10 @@ def refit_candidate(
     """Return the maximum of a candidate's `posterior`, or None without a finite response.
 
     Searches start from values `known` of given unknowns, from the maximum `alone` of this change,
-    and from `starts` or else quantiles of the priors of new unknowns.  A search that promises no
-    more than the log density `least` is not finished.  Nor is one whose pace is too slow to reach the
-    log evidence `rival` (`gauss_newton`).  With a maximum `alone`, it is not even begun if the first
-    step from the values `known` promises too little for that.
+    and from `starts` or else quantiles of the priors of new unknowns.  A search is not finished if it
+    promises no more than the log density `least`, or would end far below it.  Nor is one whose pace
+    is too slow to reach the log evidence `rival` (`gauss_newton`).  With a maximum `alone`, it is not
+    even begun if the first step from the values `known` promises too little for that.
 
     The log evidence is that of a Gaussian with the curvature at the maximum (MacKay 2003, ch. 27).
     Priors count in it as Gaussians of their spread, so that an undetermined direction costs each
@@ -135,7 +136,7 @@ def refit_candidate(
     best = np.argsort(-first.value, kind="stable")[:CLIMBED_STARTS]
     best = best[np.isfinite(first.value[best])]  # if a value is infinite, its gain may be, too
     u, value, gain = first.u[best], first.value[best], first.gain[best]
-    needed = _height_of(surface, u[:1], records, rival)
+    needed = max(_height_of(surface, u[:1], records, rival), least - unseen - HOPELESS_DEPTH)
     promising = bool(hopeful and (value + gain).max() + unseen > least)
     promising &= bool((value + LAST_STEPS * gain).max() > needed)
     if promising and step_error.chosen_steps(posterior):
@@ -195,11 +196,12 @@ def _starts(
     if alone:
         stride = math.ceil(len(starts) / FEW_STARTS) or 1
         points[1:] = {**known, **alone}, {**alone, **known}, *points[2 + stride // 2 :: stride]
-    vectors = [space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in points]
+    named = ({n: at.get(n, x) for n, x in space.start.items()} for at in points)
+    vectors = [*dict.fromkeys(tuple(space.vector(values)) for values in named)]
     if alone or starts:
         return np.array(vectors)
     new = [k for k, name in enumerate(space.free) if name not in known]
-    rows = np.repeat(vectors[0][None], len(START_QUANTILES), axis=0)
+    rows = np.repeat(np.array(vectors[:1]), len(START_QUANTILES), axis=0)
     for place, k in enumerate(new or range(len(space.free))):
         probabilities = np.roll(START_QUANTILES, ROTATION * place)
         rows[:, k] = space.unknowns[k].prior.quantile(probabilities)

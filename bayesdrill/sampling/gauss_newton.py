@@ -16,6 +16,7 @@ DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # factors on the damping, all of 
 CORRECTED_TRIALS = 2  # number of trials, the first ones, that are returned to a curved ridge
 TIGHT_DAMPING = 100.0  # damping on the way back, over the priors' precision: loose directions stay
 MAX_CORRECTIONS = 3  # steps back to a curved ridge, after a step along it
+SETTLED_GAIN = 1e-3  # a lower maximum is known well enough if another step gains less
 MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a point that needs more damping has arrived
 DAMPING_DECREASE = 0.3  # factor on the best damping of a step, for the next one
 PACE_STEPS = 3  # number of steps in the pace, since short steps follow a failed one
@@ -55,7 +56,8 @@ def gauss_newton(
     A point that is closer than `merged` (in the priors' spreads) to a higher point gets the value
     -inf.  The pace of a climb is the smaller of the gain that the model predicts and the largest
     gain of the last steps.  A climb stops if this pace would end it below `least`, or more than
-    `depth` below the highest point.
+    `depth` below the highest point.  With a finite `depth` it also stops near a lower
+    maximum.
     """
     u = np.clip(start, surface.low, surface.high)
     value = surface.value(u)
@@ -70,7 +72,10 @@ def gauss_newton(
         here = model(surface, u[now])
         gain[now] = newton_gain(surface, u[now], here)
         pace = np.minimum(gain[now], gained[:, now].max(axis=0))
-        hopeful = value[now] + left * pace >= max(value.max() - depth, least)
+        reach = value[now] + left * pace
+        hopeful = reach >= max(value.max() - depth, least)
+        if math.isfinite(depth):
+            hopeful &= (reach >= value.max()) | (gain[now] > SETTLED_GAIN)
         under_way[now], now, here = hopeful, now[hopeful], here.rows(hopeful)
         if len(now) == 0:
             break

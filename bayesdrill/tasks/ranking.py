@@ -361,7 +361,9 @@ class Ranking:
         except InputError:
             return ()
         posteriors = [job.problem.posterior for job in jobs]
-        futures = [self.submit(refit_candidate, p, self.maximum, -math.inf) for p in posteriors]
+        none: dict[Any, Any] = {}
+        arguments = self.maximum, -math.inf, none, none, [self.maximum]  # few starts are enough
+        futures = [self.submit(refit_candidate, p, *arguments) for p in posteriors]
         maxima = [future.result() for future in futures]
         if None in maxima:
             return ()

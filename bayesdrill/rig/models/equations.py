@@ -88,7 +88,7 @@ class _Parts:
     """
 
     def __init__(self, model: PartsModel) -> None:
-        self.model, self.roles = model, model.roles
+        self.model, self.roles, self.inputs = model, model.roles, model.inputs
         self.names, self.states = {*model.parameters}, model.states
         self.moving = self.roles.moving(self.states, self.names)
 
@@ -128,17 +128,17 @@ class _Parts:
 
     def linear(self, p: Named) -> Linear:
         """Return what `Model.linear` does."""
-        model, totals = self.model, {speed: self.inertia(speed, p) for speed in self.moving}
+        totals = {speed: self.inertia(speed, p) for speed in self.moving}
         entries: dict[tuple[str, str], Any] = {}
         for row, column, value in self._entries(p, totals):
             key = (row, column)
             entries[key] = entries[key] + value if key in entries else value
-        order = {name: k for k, name in enumerate((*model.states, *model.inputs))}
+        order = {name: k for k, name in enumerate((*self.states, *self.inputs))}
         where = lambda item: (order[item[0][0]], order.get(item[0][1], len(order)))  # noqa: E731
         rows = sorted(entries.items(), key=where)
         return Linear(
-            A={key: value for key, value in rows if key[1] in model.states},
-            B={key: value for key, value in rows if key[1] not in (*model.states, CONSTANT)},
+            A={key: value for key, value in rows if key[1] in self.states},
+            B={key: value for key, value in rows if key[1] not in (*self.states, CONSTANT)},
             c={row: value for (row, column), value in rows if column == CONSTANT},
         )
 
@@ -169,9 +169,9 @@ class _Parts:
             times = factor / inertia.reduction
             yield inertia.speed, inertia.angle, _times(-times, p[inertia.weight]) / total
             yield inertia.speed, f"gravity_{inertia.name}", -factor / total
-        if inertia.torque in self.model.inputs:
+        if inertia.torque in self.inputs:
             yield inertia.speed, inertia.torque, factor / total
-        if inertia.load in self.model.inputs:
+        if inertia.load in self.inputs:
             yield inertia.speed, inertia.load, -factor / total
 
     def _at_end(

@@ -170,11 +170,13 @@ class Simulator(ABC):
         n, q, _ = along.shape
         y, observed = self.experiment.y, self.experiment.seen
         squares, slopes, products = np.empty((n, y.shape[1])), np.empty((n, q)), np.empty((n, q, q))
-        scales = whitening_scales(weights)
+        scales, measured = whitening_scales(weights), observed.any(axis=1)
+        used = slice(None) if measured.all() else measured
         chunk = max(1, int(MAX_SENSITIVITY_BYTES / (8 * q * max(observed.size, 1))))
+        y, observed = y[used], observed[used]
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
             signals, shown = self.course(full[rows], along[rows])
-            missing, here = y - signals, scales[rows]
+            missing, shown, here = y - signals[:, used], shown[:, :, used], scales[rows]
             if not observed.all():
                 missing, shown = np.where(observed, missing, 0.0), np.where(observed, shown, 0.0)
             shown = whitened(shown, observed, here)
@@ -231,8 +233,8 @@ def whitened(values: Array, observed: Flags, scales: Array) -> Array:
     out = values * scales[:, None, None, :, 0]
     for k in range(values.shape[3] if scales.shape[2] > 1 else 0):
         rows = np.flatnonzero(observed[:, k])
-        before = values[:, :, rows[:-1], k] * scales[:, None, k, 1, None]
-        out[:, :, rows[1:], k] -= before
+        last, later = (slice(-1), slice(1, None)) if observed[:, k].all() else (rows[:-1], rows[1:])
+        out[:, :, later, k] -= values[:, :, last, k] * scales[:, None, k, 1, None]
         out[:, :, rows[:1], k] = values[:, :, rows[:1], k] * scales[:, None, k, 2, None]
     return out
 

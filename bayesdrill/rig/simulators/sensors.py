@@ -330,7 +330,7 @@ class ObservedWalkers:
     def system(self) -> tuple[Any, Any, Any]:
         """Return `A (n, X, X)`, `B (n, X, S)` of sampled inputs, and constant forcing `(n, X)`."""
         experiment, model = self.sensors.experiment, self.sensors.observed_model
-        n, sampled = len(dual(self.full).value), list(experiment.series)
+        n, sampled, states = len(dual(self.full).value), list(experiment.series), model.states
         columns = linear_map(lambda part: part.T, self.parameters)
         named = {
             name: linear_map(lambda part, row=k: part[row], columns)
@@ -339,12 +339,12 @@ class ObservedWalkers:
         linear = model.linear(named)
 
         def arrays(part: Linear) -> tuple[Array, Array, Array]:
-            by_input = np.zeros((n, len(model.states), len(sampled)))
+            by_input = np.zeros((n, len(states), len(sampled)))
             for (row, name), value in part.B.items():
                 if name in sampled:
-                    by_input[:, model.states.index(row), sampled.index(name)] += value
-            constant = constant_forcing(part, model.states, n, experiment.constant)
-            return dynamics(part, model.states, n), by_input, constant
+                    by_input[:, states.index(row), sampled.index(name)] += value
+            constant = constant_forcing(part, states, n, experiment.constant)
+            return dynamics(part, states, n), by_input, constant
 
         if not isinstance(self.full, Dual):
             return arrays(linear)
