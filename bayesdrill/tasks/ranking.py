@@ -31,6 +31,7 @@ from bayesdrill.config.job import Job
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.selection.candidates import CandidateModel, CandidateModels
 from bayesdrill.selection.changes import GEAR, LATER, START, WIDENED
+from bayesdrill.selection.scales import SCALE
 
 Submit = Callable[..., Future[Any]]  # of a function and its arguments
 PAIRED = 4  # candidates that are tried in all pairs
@@ -97,7 +98,19 @@ class Ranking:
         self.records = measured_samples(posterior.likelihood)
 
     def causes(self) -> Causes:
-        """Refit all, and return what was found, the recommended first."""
+        """Refit all, and return what was found, the recommended first.
+
+        Physics explains nearly everything if a value or unit is wrong, so these come first.
+        """
+        scales = [name for name in self.models.changes if name.startswith(SCALE)]
+        self.tried = dict.fromkeys(scales, len(scales))
+        self.refit_all(self.models.rungs((name,) for name in scales), self.maximum)
+        if not self._explained:
+            self._refit_others()
+        return self._found()
+
+    def _refit_others(self) -> None:
+        """Refit all candidates that are more than one value or unit."""
         self.refit_all(self.models.singles(), self.maximum)
         for name, values in self._constants():
             self._seek(name, *values)
@@ -111,6 +124,8 @@ class Ranking:
         if not self._explained:
             self.refit_all(self.models.singles(absorbing=True), self.maximum)
             self._combine()
+
+    def _found(self) -> Causes:
         given, ranked, left_out = self.given.fit, self._ranked(), self.left_out
         reference = find_reference(self.job.problem, given)
         untried = (*self.untried.values(),)
@@ -144,10 +159,11 @@ class Ranking:
         """Add to the best what makes it more probable, and remove what no longer does, in turns.
 
         What stands for another part is thus removed before more is built upon it.  A turned sign or an
-        exchange of columns that loses alone is not tried again.
+        exchange of columns that loses alone is not tried again, nor a scale that does not gain.
         """
         changes = self.models.changes.values()
         lost = {c.name for c in self._all() if not c.new and c.bayes < -SURE_LOG_ODDS}
+        lost |= {c.name for c in self._all() if c.name in self.tried and c.bayes < SURE_LOG_ODDS}
         more = [c.name for c in changes if not c.absorbs and c.name not in lost]
         before = 0.0
         while (best := self._best()) is not None:

@@ -55,9 +55,9 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
     notes = "\n".join(filter(None, [_reference(causes), wandering(causes)]))
     if not causes.good:
         tried = (
-            f"{refitted}, and none explains the misfit. The candidates were signs, gains, lags and "
-            "offsets of columns, clocks, the start, the gear, physics that the rig may lack, and "
-            "the noise."
+            f"{refitted}, and none explains the misfit. The candidates were values and units that are "
+            "off by a factor, signs, gains, lags and offsets of columns, clocks, the start, the gear, "
+            "physics that the rig may lack, and the noise."
         )
         return (Sentences("\n".join(filter(None, [tried, notes, LOOK]))),)
     best = causes.best
