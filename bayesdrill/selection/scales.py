@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from bayesdrill.analysis.causes import SCALE
 from bayesdrill.analysis.suspicions import FACTORS
 from bayesdrill.basics import units
 from bayesdrill.config.job import Job
 from bayesdrill.selection.config_edits import Entries, Place, columns, merged, nested, rounded
 
-SCALE = "scale_"  # prefix of the names of changes that multiply a value, or correct a unit
 OF_ALL = FACTORS[
     -1:
 ]  # thousandths occur in all units, and the other factors in those of a rotation
@@ -40,8 +40,8 @@ def _value(job: Job, name: str) -> tuple[Place, Any] | None:
     entry, nominal = (data.get("parameters") or {}).get(name), data.get("nominal")
     if entry == "nominal" or (isinstance(entry, dict) and entry.get("relative")):
         table = nominal if isinstance(nominal, dict) else {}
-        value = table.get(name) or job.problem.nominal.get(name) or job.case.nominal.values[name]
-        return ("nominal", name), value
+        known = {**job.problem.posterior.space.fixed, **job.problem.nominal, **table}
+        return ("nominal", name), known[name]
     if isinstance(entry, int | float) or (isinstance(entry, dict) and {*KEYS} & {*entry}):
         return ("parameters", name), entry
     return None
@@ -55,7 +55,7 @@ def _columns(job: Job) -> Iterator[tuple[str, str, Entries]]:
     kinds |= {name: rig.symbols[name].unit for name in rig.inputs}
     for name, kind in kinds.items():
         constants = (data.get("inputs") or {}).get(name)
-        found = [*columns(data, name)]
+        found: list[tuple[Place, Any]] = [*columns(data, name)]
         if isinstance(constants, int | float) and constants:
             found.append((("inputs", name), constants))
         for label, factor in _factors(kind) if found else ():

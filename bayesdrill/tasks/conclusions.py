@@ -91,12 +91,15 @@ def causes(
 ) -> Causes | None:
     """Return what would explain what the maximum `mode` has `left`; None where that is only noise.
 
+    Values at ends of priors may fit by chance: then a value or unit is sought that is off by a factor.
     The job is in the steps of that mode.  `submit`: to other processes, or in this one.
     """
     ranked = None
-    if not residual_checks.like_noise(left):
+    fits = residual_checks.like_noise(left)
+    if not fits or mode.at_bound:
         with WorkerPool(job.problem.posterior, 1) as pool:
-            ranked = ranking.rank(job, mode.values, submit or pool.submit_function, report)[0]
+            how = job, mode.values, submit or pool.submit_function, report
+            ranked = ranking.rank_scales(*how) if fits else ranking.rank(*how)[0]
     report.update(1.0, "")
     return ranked
 

@@ -31,7 +31,6 @@ from bayesdrill.config.job import Job
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.selection.candidates import CandidateModel, CandidateModels
 from bayesdrill.selection.changes import GEAR, LATER, START, WIDENED
-from bayesdrill.selection.scales import SCALE
 
 Submit = Callable[..., Future[Any]]  # of a function and its arguments
 PAIRED = 4  # candidates that are tried in all pairs
@@ -64,6 +63,24 @@ def rank(
     given = submit(refit_candidate, posterior, maximum, -math.inf).result()
     ranking = Ranking(job, maximum, given, submit, report)
     return ranking.causes(), ranking.maxima
+
+
+def rank_scales(
+    job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporter
+) -> Causes | None:
+    """Refit values and units that are off by a factor, if the ends of priors cost a good fit much.
+
+    The result is None if wider priors gain nothing, or if no factor does.
+    """
+    given = submit(refit_candidate, job.problem.posterior, maximum, -math.inf).result()
+    ranking = Ranking(job, maximum, given, submit, report)
+    widened = tuple(name for name in ranking.models.changes if name.startswith(WIDENED))
+    ranking.refit_all(ranking.models.rungs([widened] if widened else []), maximum)
+    if not ranking.causes_by_parts or ranking.causes_by_parts[widened].gain < SURE_LOG_ODDS:
+        return None
+    ranking.refit_scales()
+    causes = Causes(given=given.fit, ranked=ranking.ranked(), left_out=ranking.left_out)
+    return causes if causes.best and causes.best.off_by_a_factor else None
 
 
 @dataclass
@@ -102,12 +119,26 @@ class Ranking:
 
         Physics explains nearly everything if a value or unit is wrong, so these come first.
         """
-        scales = [name for name in self.models.changes if name.startswith(SCALE)]
-        self.tried = dict.fromkeys(scales, len(scales))
-        self.refit_all(self.models.rungs((name,) for name in scales), self.maximum)
+        self.refit_scales()
         if not self._explained:
             self._refit_others()
-        return self._found()
+        given, reference = self.given.fit, find_reference(self.job.problem, self.given.fit)
+        causes = Causes(
+            given=given,
+            ranked=self.ranked(),
+            left_out=self.left_out,
+            reference=reference,
+            untried=(*self.untried.values(),),
+        )
+        if causes.best is not None and causes.best.explains_all:
+            return causes
+        return dataclasses.replace(causes, windows=self._windows())
+
+    def refit_scales(self) -> None:
+        """Refit each value and unit by the factors of wrong units."""
+        scales = self.models.scales()
+        self.tried = {candidate.name: len(scales) for candidate in scales}
+        self.refit_all(scales, self.maximum)
 
     def _refit_others(self) -> None:
         """Refit all candidates that are more than one value or unit."""
@@ -124,17 +155,6 @@ class Ranking:
         if not self._explained:
             self.refit_all(self.models.singles(absorbing=True), self.maximum)
             self._combine()
-
-    def _found(self) -> Causes:
-        given, ranked, left_out = self.given.fit, self._ranked(), self.left_out
-        reference = find_reference(self.job.problem, given)
-        untried = (*self.untried.values(),)
-        causes = Causes(
-            given=given, ranked=ranked, left_out=left_out, reference=reference, untried=untried
-        )
-        if causes.best is not None and causes.best.explains_all:
-            return causes
-        return dataclasses.replace(causes, windows=self._windows())
 
     @property
     def _explained(self) -> bool:
@@ -236,7 +256,7 @@ class Ranking:
         named = (cause for cause in self._all() if not cause.absorbing)
         return (c for c in named if c.explains_all or self.maxima[c.parts].hidden <= MAX_HIDDEN)
 
-    def _ranked(self) -> tuple[Cause, ...]:
+    def ranked(self) -> tuple[Cause, ...]:
         """Return the recommended, then all others."""
         every = self._all()
         first = recommended(every)
