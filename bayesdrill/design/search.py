@@ -30,22 +30,28 @@ RANDOM_STARTS = 6  # random starts, in addition to the best waveforms of the usu
 SWEEPS = 2  # passes of the exchange through all levels
 EXCHANGED = 5  # levels that are tried in each hold interval
 CONSTANTS = 13  # constant levels among which a waveform that keeps the limits is sought
+REFINEMENTS = 4  # grids of constant levels, each six times as fine as the one before
 
 
 def safe_waveform(check: LimitCheck, repair: Callable[[Array], Array]) -> Array:
     """Return a waveform that keeps all limits; raises `InputError` if none is found.
 
     Constant levels are tried first, of which the middle one that keeps them is taken.  If none does,
-    `repair` moves the best of them towards the limits.
+    levels are tried between the neighbours of the one that is least beyond the limits: those that keep
+    them may be few of a wide range.  At last `repair` moves the best of them towards the limits.
     """
     source = check.coming.source
-    levels = np.linspace(source.low, source.high, CONSTANTS)
-    constants = [source.within(np.full(source.count, level)) for level in levels]
-    shares = np.array([check.kept_share(each) for each in constants])
-    good = np.flatnonzero(shares >= KEPT_SHARE)
-    if len(good):
-        return constants[int(good[len(good) // 2])]
-    best = repair(constants[int(np.argmax(shares))])
+    ends = source.low, source.high
+    for _ in range(REFINEMENTS):
+        levels = np.linspace(*ends, CONSTANTS)
+        constants = [source.within(np.full(source.count, level)) for level in levels]
+        shares = np.array([check.kept_share(each) for each in constants])
+        good = np.flatnonzero(shares >= KEPT_SHARE)
+        if len(good):
+            return constants[int(good[len(good) // 2])]
+        nearest = int(np.argmin([check.excess(each) for each in constants]))
+        ends = levels[max(nearest - 1, 0)], levels[min(nearest + 1, CONSTANTS - 1)]
+    best = repair(constants[nearest])
     if check.kept_share(best) >= KEPT_SHARE:
         return best
     pairs = zip(check.limits, check.broken(best).mean(axis=0), strict=True)

@@ -96,7 +96,7 @@ def test_a_wrong_unit_is_found_before_physics_is_invented(name: str, tmp_path: P
 def test_check_compares_the_size_of_the_record_with_nominal_values(
     wrong: tuple[str, str, str], tmp_path: Path
 ) -> None:
-    text = bd.load(motor(tmp_path, wrong[:2])).check()
+    text = bd.load(motor(tmp_path, wrong[:2])).preview()
     assert ("REVIEW" in text) == bool(wrong[2])
     assert wrong[2] in text
 
