@@ -28,6 +28,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.job import Job
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.selection.candidates import CandidateModel, CandidateModels
 from bayesdrill.selection.changes import GEAR, LATER, START, WIDENED
@@ -355,13 +356,14 @@ class Ranking:
             return
         self.evaluations += top.evaluations
         tries = math.prod(self.tried.get(name, 1) for name in rung.names)
+        new = {*job.problem.names} - {*self.maximum}
         lacks = dict.fromkeys(name for change in rung.changes for name in change.lacks)
         self.causes_by_parts[rung.names] = Cause(
             parts=rung.names,
             words=tuple(change.words for change in rung.changes),
             lines=rung.config_lines,
             lacks=tuple(lacks),
-            new=_fitted([s for s in job.problem.symbols if s.name not in self.maximum], top),
+            new=_fitted(job.problem.units, [s for s in job.problem.symbols if s.name in new], top),
             gain=top.log_posterior - self.given.log_posterior,
             bayes=float(top.log_z - self.given.log_z) - math.log(tries),
             fit=top.fit,
@@ -404,7 +406,7 @@ class Ranking:
         symbols = [s for s in self.job.problem.symbols if self.roles[s.name] != "start"]
         told = [[s for s in symbols if s.name not in top.vague] for top in maxima]
         return tuple(
-            _fitted(known, top)
+            _fitted(self.job.problem.units, known, top)
             for known, top in zip(told, maxima, strict=True)
             if any(self.roles[symbol.name] != "noise" for symbol in known)
         )
@@ -446,6 +448,17 @@ def _doubts(top: RefitMaximum, known: set[str], rung: CandidateModel) -> Iterato
         yield Doubt("hidden", share=top.hidden)
 
 
-def _fitted(symbols: Iterable[Symbol], top: RefitMaximum) -> tuple[FittedValue, ...]:
-    units = {s.name: "" if s.unit == "1" else s.plain_unit for s in symbols}
-    return tuple(FittedValue(n, top.values[n], top.sds[n], unit) for n, unit in units.items())
+def _fitted(
+    units: DisplayUnits, symbols: Iterable[Symbol], top: RefitMaximum
+) -> tuple[FittedValue, ...]:
+    """Return values and sds of unknowns in the units that people read."""
+    shown = [(units.symbol(si), units.factor(si.name)) for si in symbols]
+    return tuple(
+        FittedValue(
+            s.name,
+            top.values[s.name] / factor,
+            top.sds[s.name] / factor,
+            "" if s.unit == "1" else s.plain_unit,
+        )
+        for s, factor in shown
+    )
