@@ -328,11 +328,14 @@ def map_(
     with reporter() as report:
         best = case.find_map(quick=quick, processes=processes, report=report)
     say(best.table)
+    believable = not best.reasons
     if not quick:
         with reporter() as report:
             candidates = best.candidates(processes=processes, report=report)
         if candidates.table:
             say(candidates.table)
+        cause = candidates.recommended
+        believable &= cause is None or not cause.off_by_a_factor
         if apply is not None:
             written = candidates.apply(apply, force=force)
             why = "" if candidates.table else ": the residuals look like the noise"
@@ -340,7 +343,7 @@ def map_(
     if output is not None:
         path = best.save(output, force=force)
         say(f"results: {path}/ (report.html, map.md, prediction*.csv, figures/)")
-    if best.reasons:
+    if not believable:
         raise typer.Exit(NOT_CONVERGED)
 
 

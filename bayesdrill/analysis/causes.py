@@ -26,6 +26,7 @@ SURE_LOG_ODDS = 5.0  # natural logarithm of the odds from which on a candidate e
 # These parts absorb any misfit without a cause: noises, and torques with the place where they act.
 NOISE = ("unknown_noise", "ar1")
 TORQUE = "missing_torque_"
+SCALE = "scale_"  # prefix of parts that multiply a value, or correct a unit
 # A cause with this share of the log evidence that an absorbing part gains is recommended instead.
 MIN_SHARE_OF_CATCH_ALL = 0.5
 
@@ -89,6 +90,11 @@ class Cause:
     def explains_all(self) -> bool:
         """Return whether only noise is left."""
         return like_noise(self.fit)
+
+    @property
+    def off_by_a_factor(self) -> bool:
+        """Return whether a value or unit is multiplied by the factor of a wrong unit."""
+        return any(part.startswith(SCALE) for part in self.parts)
 
     @property
     def absorbing(self) -> tuple[str, ...]:

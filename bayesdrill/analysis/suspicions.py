@@ -17,7 +17,9 @@ from bayesdrill.basics.findings import Finding
 from bayesdrill.basics.symbols import SPEED_UNITS
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.priors import prior_log_sd
 from bayesdrill.inference.residual_checks import ResidualSummary
+from bayesdrill.inference.unknowns import RIG_ROLES
 from bayesdrill.record import anomalies
 from bayesdrill.record.clocks import median_step
 from bayesdrill.record.experiment import Channel, Experiment
@@ -38,6 +40,10 @@ FACTORS = (
 )
 NEAR_FACTOR = 0.05  # tolerance of the log of a factor between two columns
 NEAR_START_FACTOR = 0.2  # the same for a factor to the start's prediction, which may be off
+# A channel's size over the one that the start predicts: usual starts are nearer, either way.
+FAR_FROM_START, PREFIX = 20.0, 1000.0
+NEAR_MISFIT = 0.02  # mean square of what is left, over that of the channels, near a record
+MAX_LOG_SD = 1.5  # of the log of a prior (two decades): the middle of a wider one predicts nothing
 FEW, ALL = 3, 50  # places of an anomaly that a report names, and `check`
 
 
@@ -65,9 +71,15 @@ def suspicions_of_record(
 
 
 def suspicions_of_start(problem: Problem) -> Iterator[Finding]:
-    """Yield channels that are the start's prediction times the factor of a wrong unit."""
+    """Yield channels that are the start's prediction times the factor of a wrong unit, or far off.
+
+    A start that is only the middle of a wide prior predicts nothing, so that no unit is accused.
+    """
     space = problem.posterior.space
-    full = space.full(space.vector(space.start)[None])
+    rig = [unknown for unknown in space.unknowns if unknown.role in RIG_ROLES]
+    if any(u.name not in problem.nominal and prior_log_sd(u.prior) > MAX_LOG_SD for u in rig):
+        return
+    full, found = space.full(space.vector(space.start)[None]), list[Finding]()
     columns = (
         zip(each.experiment.channels, each.experiment.y.T, each.signals(full)[0].T, strict=True)
         for each in problem.observations
@@ -82,7 +94,50 @@ def suspicions_of_start(problem: Problem) -> Iterator[Finding]:
         named = _likely_mistakes(times, NEAR_START_FACTOR, problem.model.gear_ratio)
         if r_squared > MIN_R_SQUARED and named:
             names = {"channel": channel.name, "mistakes": named}
-            yield Finding("unit against the start", names, {"times": times})
+            found.append(Finding("unit against the start", names, {"times": times}))
+    yield from found or _far_from_start(problem)
+
+
+def _far_from_start(problem: Problem) -> Iterator[Finding]:
+    """Yield the channel whose size is farthest from the start's prediction, with what may explain it.
+
+    Each value of the rig is tried a thousand times as large and as small, as by a wrong prefix.
+    """
+    space = problem.posterior.space
+    start = space.vector(space.start)
+    full = space.full(start[None])
+    rows, tried = [full[0]], [("", 1.0)]
+    for name, times in itertools.product(problem.model.parameters, (PREFIX, 1 / PREFIX)):
+        if name in space.free:
+            theta = np.where(np.array(space.free) == name, times * start, start)
+            rows.append(space.full(theta[None])[0])
+        elif name in space.fixed and name in space.model:
+            rows.append(np.where(np.array(space.model) == name, times * full[0], full[0]))
+        else:
+            continue
+        tried.append((name, times))
+    # Columns are what is measured, and rows what is predicted, in sizes of channels.
+    left, sizes = np.zeros(len(rows)), list[tuple[float, str]]()
+    with np.errstate(all="ignore"):
+        for each in problem.observations:
+            signals = each.signals(np.array(rows))
+            for k, channel in enumerate(each.experiment.channels):
+                y = each.experiment.y[:, k]
+                power = float(np.nanmean(y**2))
+                ratio = math.sqrt(power / max(float(np.nanmean(signals[0, :, k] ** 2)), 1e-300))
+                sizes.append((ratio, channel.name))
+                misfit = np.nanmean((signals[:, :, k] - y) ** 2, axis=1)
+                left += np.where(np.isfinite(misfit), misfit, np.inf) / max(power, 1e-300)
+    times, name = max(sizes, key=lambda size: abs(math.log(max(size[0], 1e-300))))
+    best, near = int(np.argmin(left)), NEAR_MISFIT * len(sizes)
+    far = not 1 / FAR_FROM_START < times < FAR_FROM_START
+    mended = best > 0 and (left[best] < near < MIN_LEFT * len(sizes) < left[0])
+    if not (far or mended):
+        return
+    names = {"channel": name if far else "", "value": "", "factor": ""}
+    if mended or left[best] < MIN_LEFT * len(sizes):
+        names |= {"value": tried[best][0], "factor": f"{tried[best][1]:g}"}
+    yield Finding("size against the start", names, {"times": times})
 
 
 def _likely_mistakes(times: float, tolerance: float, gear: float) -> str:

@@ -99,6 +99,12 @@ _COMMON = {kind: (kind, 1.0) for kind in _KINDS} | {
 }
 
 
+def unit_of_factor(si: str, size: float) -> str:
+    """Return the common unit of which one has `size` units of `si`; empty if there is none."""
+    pairs = _COMMON.items()
+    return next((n for n, x in pairs if x[0] == si and math.isclose(x[1], size)), "")
+
+
 _UNIT_OF_HEAD = re.compile(r".*(?:[\[(]\s*([A-Za-z*/]+)\s*[\])]|[\s_/]([A-Za-z*/]{2,}))\s*")
 
 

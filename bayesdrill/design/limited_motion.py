@@ -84,6 +84,15 @@ class LimitCheck:
             return 1.0
         return float(np.mean(~self.broken(levels).any(axis=1)))
 
+    def excess(self, levels: Array) -> float:
+        """Return the mean square excess of the limits, over their ends; inf without a finite motion."""
+        ends = np.array([[limit.low, limit.high] for limit in self.limits])
+        sizes = np.abs(np.where(np.isfinite(ends), ends, 0.0)).max(axis=1)
+        with np.errstate(all="ignore"):
+            beyond = excess(self.limited(self.theta, levels), self.limits)
+            total = float(np.mean((beyond / np.where(sizes > 0, sizes, 1.0)) ** 2))
+        return total if np.isfinite(total) else np.inf
+
     def broken(self, levels: Array) -> Flags:
         """Return a mask `(W, L)` of the limits that each draw breaks."""
         limited = self.limited(self.theta, levels)

@@ -30,22 +30,28 @@ RANDOM_STARTS = 6  # random starts, in addition to the best waveforms of the usu
 SWEEPS = 2  # passes of the exchange through all levels
 EXCHANGED = 5  # number of levels that are tried in each hold interval
 CONSTANTS = 13  # number of constant levels that are tried as a waveform within the limits
+REFINEMENTS = 4  # grids of constant levels, each six times as fine as the one before
 
 
 def safe_waveform(check: LimitCheck, repair: Callable[[Array], Array]) -> Array:
     """Return a waveform that keeps all limits; raises `InputError` if none is found.
 
     Constant levels are tried first, and the middle one of those that keep the limits is taken.  If
-    no constant does, `repair` moves the best one towards the limits.
+    none does, the levels beside the one that exceeds them least are tried, in finer grids: those that
+    keep the limits may be few of a wide range.  At last `repair` moves the best one towards the limits.
     """
     source = check.coming.source
-    levels = np.linspace(source.low, source.high, CONSTANTS)
-    constants = [source.within(np.full(source.count, level)) for level in levels]
-    shares = np.array([check.kept_share(each) for each in constants])
-    good = np.flatnonzero(shares >= KEPT_SHARE)
-    if len(good):
-        return constants[int(good[len(good) // 2])]
-    best = repair(constants[int(np.argmax(shares))])
+    ends = source.low, source.high
+    for _ in range(REFINEMENTS):
+        levels = np.linspace(*ends, CONSTANTS)
+        constants = [source.within(np.full(source.count, level)) for level in levels]
+        shares = np.array([check.kept_share(each) for each in constants])
+        good = np.flatnonzero(shares >= KEPT_SHARE)
+        if len(good):
+            return constants[int(good[len(good) // 2])]
+        nearest = int(np.argmin([check.excess(each) for each in constants]))
+        ends = levels[max(nearest - 1, 0)], levels[min(nearest + 1, CONSTANTS - 1)]
+    best = repair(constants[nearest])
     if check.kept_share(best) >= KEPT_SHARE:
         return best
     pairs = zip(check.limits, check.broken(best).mean(axis=0), strict=True)

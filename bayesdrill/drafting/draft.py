@@ -14,6 +14,7 @@ import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.analysis.record_findings import findings_of_record
+from bayesdrill.basics import units
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.findings import Finding
 from bayesdrill.basics.symbols import Symbol
@@ -31,6 +32,7 @@ from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.roles import GEAR_POWERS
 from bayesdrill.rig.models.train import LINEAR
 
+SAME_CONSTANT = 0.02  # relative difference of constants that a sheet rounds from one value
 SHEET_SD = 1.0  # prior sd of the logarithm of a parameter in a data sheet
 MAX_UNUSED = 20  # unused columns that a terminal lists
 
@@ -140,7 +142,11 @@ def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
     both_ways = any(roles.turns_both_ways(record.roles) for record in context.records)
     (scales, why), gear = _prior_scales(context), context.lead.roles.gear
     rig = with_named(context.lead.roles.rig, sheet)
+    tied = _one_constant(sheet, rig)
     if sheet:
+        why = why.replace(
+            "there is no data sheet: priors", "priors of what the sheet does not give"
+        )
         sd = math.exp(SHEET_SD)
         why += f"; `relative` priors are factors of the sheet's values, with an sd of {sd:.2g}"
     driven = [inertia for inertia in rig.roles.inertias if rig.roles.motor(inertia.name)]
@@ -157,6 +163,9 @@ def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
             doubt = "it keeps its sign, and this rig turns both ways: held at zero"
             doubt += ", and c_m stands for all friction"
             lines += [*review([doubt], 2), f"  {name}: 0.0"]
+        elif name in tied:
+            doubt = f"the sheet gives {name} and {tied[name]} as one constant in SI: they are tied"
+            lines += [*review([doubt], 2), f"  {name}: {{tie: {tied[name]}}}"]
         elif name in sheet and math.isinf(symbol.at_most):
             prior = f"{{prior: log_normal, median: 1, sd_log: {SHEET_SD:g}, relative: true}}"
             lines.append(f"  {name}: {prior}")
@@ -230,6 +239,19 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
         "there is no data sheet: priors span the scale of the record, by its largest "
         f"{known}{more}. Hold what you have weighed or measured"
     )
+
+
+def _one_constant(sheet: Mapping[str, Any], rig: Model) -> dict[str, str]:
+    """Return back-emf constants by the torque constants to which the sheet says they are equal."""
+    si = dict[str, float]()
+    for name, entry in sheet.items():
+        value, unit = (
+            (entry["value"], entry.get("unit")) if isinstance(entry, dict) else (entry, "")
+        )
+        si[name] = value * (units.factor(unit, rig.symbols[name].unit) if unit else 1.0)
+    pairs = [(motor.back_emf, motor.torque_constant) for motor in rig.roles.motors]
+    known = [(k_e, k_T) for k_e, k_T in pairs if {k_e, k_T} <= {*si}]
+    return {k_e: k_T for k_e, k_T in known if math.isclose(si[k_e], si[k_T], rel_tol=SAME_CONSTANT)}
 
 
 def _prior_ends(ends: PriorEnds, rig: Model, symbol: Symbol, gear: float) -> tuple[float, float]:

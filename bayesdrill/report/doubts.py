@@ -169,7 +169,10 @@ def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
         else:
             symbol = units.symbol(si[name])
             shown = f"{value / units.factor(name):.4g} {symbol.plain_unit}".removesuffix(" 1")
-            yield f"prior: {name} is at an end of its prior, {shown}. Widen it before anything else."
+            yield (
+                f"prior: {name} is at an end of its prior, {shown}. That is normal if the record does "
+                "not determine it (`bayesdrill identify`). Otherwise check its unit, and widen it."
+            )
     for observation in problem.observations:
         sensing, step = observation.response.sensing, median_step(observation.experiment.t)
         lags = [name for name in (sensing.delay, *sensing.input_lags.values()) if name]

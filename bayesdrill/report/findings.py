@@ -87,6 +87,10 @@ SENTENCES: Mapping[str, str] = {
         "unit: {channel} is {times:.3g} times what the start values predict; was it {mistakes}? See its "
         "unit, its column and `measures`"
     ),
+    "size against the start": (
+        "REVIEW: {seen}. {cure}. See the "
+        "lines of nominal and held values, and the units of columns and inputs"
+    ),
     "unit of an angle": (
         "unit: {angle} grows {times:.3g} times as fast as {speed} says; is one of them {mistakes}? See "
         "their units, columns and `measures`"
@@ -252,7 +256,15 @@ def _phrases(finding: Finding) -> dict[str, str]:
         verb = "is" if sum(counts) == 1 else "are"
         walkers = f"{sum(counts):.0f} of {numbers['walkers']:.0f} walkers ({where}) {verb}"
     lag = numbers.get("lag", 0.0)
+    seen = "not what the start values predict"
+    if names.get("channel"):
+        seen = f"{numbers.get('times', 1.0):.3g} times as large as the start values predict"
+    cure = "A value or a unit may be off by a factor"
+    if names.get("factor"):
+        cure = f"With {names['factor']} times the value of {names['value']} they would predict it nearly"
     return {
+        "cure": cure,
+        "seen": f"{names.get('channel') or 'the record'} is {seen}",
         "draws": share,
         "late": f"{lag:+.0f} sample" if abs(lag) == 1.0 else f"{lag:+.0f} samples",
         "often": count_noun(round(numbers.get("jumps", 0.0)), "time"),

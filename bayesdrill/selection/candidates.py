@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from bayesdrill.analysis.causes import TORQUE
+from bayesdrill.analysis.causes import SCALE, TORQUE
 from bayesdrill.config.job import Job
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.selection.changes import AR1, BOTH, LINEAR, NOTHING, START, Change, Setting
@@ -80,8 +80,9 @@ class CandidateModels(Setting):
         return [self._rung(names) for names in combinations if {*names} <= {*self.changes}]
 
     def singles(self, *, absorbing: bool = False) -> list[CandidateModel]:
-        """Return the candidates with one change: a cause, or an `absorbing` change."""
-        selected = [change for change in self.changes.values() if change.absorbs == absorbing]
+        """Return candidates with one change, but no scale: a cause, or an `absorbing` change."""
+        changes = (x for x in self.changes.values() if not x.name.startswith(SCALE))
+        selected = [change for change in changes if change.absorbs == absorbing]
         return self.rungs((change.name,) for change in selected if not change.needs)
 
     def beyond(self, names: tuple[str, ...], more: Iterable[str]) -> list[CandidateModel]:
@@ -115,6 +116,10 @@ class CandidateModels(Setting):
             return False
         frictions = [name for name in names if name.startswith("friction_")]
         return len(frictions) < 2 or BOTH not in self.changes
+
+    def scales(self) -> list[CandidateModel]:
+        """Return the candidates with one value or unit that is off by a factor."""
+        return self.rungs((name,) for name in self.changes if name.startswith(SCALE))
 
     def windows(self, count: int) -> list[CandidateModel]:
         """Return the config as given for each of `count` windows of the record, with a free start."""

@@ -34,6 +34,7 @@ from bayesdrill.selection.config_edits import (
     sections,
     uniform,
 )
+from bayesdrill.selection.scales import scale_entries
 
 UNKNOWN, AR1 = NOISE
 BOTH = "friction_both"
@@ -151,7 +152,8 @@ class Setting:
     @cached_property
     def changes(self) -> dict[str, Change]:
         """Return all changes by name, in the order in which they are tried."""
-        measuring = (*self._widened(), *self._columns(), *self._times())
+        scales = (Change(*entries) for entries in scale_entries(self.job))
+        measuring = (*scales, *self._widened(), *self._columns(), *self._times())
         changes = (*measuring, *self._physics(), *self._inertias(), *self._absorbing())
         return {change.name: change for change in changes if change.entries}
 

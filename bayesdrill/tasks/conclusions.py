@@ -91,12 +91,16 @@ def causes(
 ) -> Causes | None:
     """Return causes that would explain the residuals `left` of `mode`; None if these are noise.
 
-    The job has the integration steps of `mode`.  `submit` runs tasks in this process or others.
+    Values at ends of their priors may fit by chance.  Then only values and units that are off by a
+    factor are tried.  The job has the integration steps of `mode`.  `submit` runs tasks in this
+    process or others.
     """
     ranked = None
-    if not residual_checks.like_noise(left):
+    fits = residual_checks.like_noise(left)
+    if not fits or mode.at_bound:
         with WorkerPool(job.problem.posterior, 1) as pool:
-            ranked = ranking.rank(job, mode.values, submit or pool.submit_function, report)[0]
+            how = job, mode.values, submit or pool.submit_function, report
+            ranked = ranking.rank_scales(*how) if fits else ranking.rank(*how)[0]
     report.update(1.0, "")
     return ranked
 

@@ -28,6 +28,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.job import Job
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.selection.candidates import CandidateModel, CandidateModels
 from bayesdrill.selection.changes import GEAR, LATER, START, WIDENED
@@ -65,6 +66,24 @@ def rank(
     return ranking.causes(), ranking.maxima
 
 
+def rank_scales(
+    job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporter
+) -> Causes | None:
+    """Refit values and units that are off by a factor, if the ends of priors cost a good fit much.
+
+    The result is None if wider priors gain nothing, or if no factor does.
+    """
+    given = submit(refit_candidate, job.problem.posterior, maximum, -math.inf).result()
+    ranking = Ranking(job, maximum, given, submit, report)
+    widened = tuple(name for name in ranking.models.changes if name.startswith(WIDENED))
+    ranking.refit_all(ranking.models.rungs([widened] if widened else []), maximum)
+    if not ranking.causes_by_parts or ranking.causes_by_parts[widened].gain < SURE_LOG_ODDS:
+        return None
+    ranking.refit_scales()
+    causes = Causes(given=given.fit, ranked=ranking.ranked(), left_out=ranking.left_out)
+    return causes if causes.best and causes.best.off_by_a_factor else None
+
+
 @dataclass
 class Ranking:
     """A ranking of candidate models is under way or done.
@@ -97,7 +116,33 @@ class Ranking:
         self.records = measured_samples(posterior.likelihood)
 
     def causes(self) -> Causes:
-        """Refit all candidates, and return the causes, the recommended one first."""
+        """Refit all candidates, and return the causes, the recommended one first.
+
+        Added physics explains nearly everything if a value or unit is wrong, so these come first.
+        """
+        self.refit_scales()
+        if not self._explained:
+            self._refit_others()
+        given, reference = self.given.fit, find_reference(self.job.problem, self.given.fit)
+        causes = Causes(
+            given=given,
+            ranked=self.ranked(),
+            left_out=self.left_out,
+            reference=reference,
+            untried=(*self.untried.values(),),
+        )
+        if causes.best is not None and causes.best.explains_all:
+            return causes
+        return dataclasses.replace(causes, windows=self._windows())
+
+    def refit_scales(self) -> None:
+        """Refit each value and unit by the factors of wrong units."""
+        scales = self.models.scales()
+        self.tried = {candidate.name: len(scales) for candidate in scales}
+        self.refit_all(scales, self.maximum)
+
+    def _refit_others(self) -> None:
+        """Refit all candidates that are more than one value or unit."""
         self.refit_all(self.models.singles(), self.maximum)
         for name, values in self._constants():
             self._seek(name, *values)
@@ -111,15 +156,6 @@ class Ranking:
         if not self._explained:
             self.refit_all(self.models.singles(absorbing=True), self.maximum)
             self._combine()
-        given, ranked, left_out = self.given.fit, self._ranked(), self.left_out
-        reference = find_reference(self.job.problem, given)
-        untried = (*self.untried.values(),)
-        causes = Causes(
-            given=given, ranked=ranked, left_out=left_out, reference=reference, untried=untried
-        )
-        if causes.best is not None and causes.best.explains_all:
-            return causes
-        return dataclasses.replace(causes, windows=self._windows())
 
     @property
     def _explained(self) -> bool:
@@ -144,10 +180,11 @@ class Ranking:
         """In turns, add parts that make the best more probable, and remove parts that no longer do.
 
         A part that stands for another one is thus removed early.  A turned sign or an exchange of
-        columns that loses alone is not tried again.
+        columns that loses alone is not tried again, nor a scale that does not gain.
         """
         changes = self.models.changes.values()
         lost = {c.name for c in self._all() if not c.new and c.bayes < -SURE_LOG_ODDS}
+        lost |= {c.name for c in self._all() if c.name in self.tried and c.bayes < SURE_LOG_ODDS}
         more = [c.name for c in changes if not c.absorbs and c.name not in lost]
         before = 0.0
         while (best := self._best()) is not None:
@@ -220,7 +257,7 @@ class Ranking:
         named = (cause for cause in self._all() if not cause.absorbing)
         return (c for c in named if c.explains_all or self.maxima[c.parts].hidden <= MAX_HIDDEN)
 
-    def _ranked(self) -> tuple[Cause, ...]:
+    def ranked(self) -> tuple[Cause, ...]:
         """Return the recommended candidate, then all others."""
         every = self._all()
         first = recommended(every)
@@ -319,13 +356,14 @@ class Ranking:
             return
         self.evaluations += top.evaluations
         tries = math.prod(self.tried.get(name, 1) for name in rung.names)
+        new = {*job.problem.names} - {*self.maximum}
         lacks = dict.fromkeys(name for change in rung.changes for name in change.lacks)
         self.causes_by_parts[rung.names] = Cause(
             parts=rung.names,
             words=tuple(change.words for change in rung.changes),
             lines=rung.config_lines,
             lacks=tuple(lacks),
-            new=_fitted([s for s in job.problem.symbols if s.name not in self.maximum], top),
+            new=_fitted(job.problem.units, [s for s in job.problem.symbols if s.name in new], top),
             gain=top.log_posterior - self.given.log_posterior,
             bayes=float(top.log_z - self.given.log_z) - math.log(tries),
             fit=top.fit,
@@ -370,7 +408,7 @@ class Ranking:
         symbols = [s for s in self.job.problem.symbols if self.roles[s.name] != "start"]
         told = [[s for s in symbols if s.name not in top.vague] for top in maxima]
         return tuple(
-            _fitted(known, top)
+            _fitted(self.job.problem.units, known, top)
             for known, top in zip(told, maxima, strict=True)
             if any(self.roles[symbol.name] != "noise" for symbol in known)
         )
@@ -412,6 +450,17 @@ def _doubts(top: RefitMaximum, known: set[str], rung: CandidateModel) -> Iterato
         yield Doubt("hidden", share=top.hidden)
 
 
-def _fitted(symbols: Iterable[Symbol], top: RefitMaximum) -> tuple[FittedValue, ...]:
-    units = {s.name: "" if s.unit == "1" else s.plain_unit for s in symbols}
-    return tuple(FittedValue(n, top.values[n], top.sds[n], unit) for n, unit in units.items())
+def _fitted(
+    units: DisplayUnits, symbols: Iterable[Symbol], top: RefitMaximum
+) -> tuple[FittedValue, ...]:
+    """Return values and sds of unknowns in the units that people read."""
+    shown = [(units.symbol(si), units.factor(si.name)) for si in symbols]
+    return tuple(
+        FittedValue(
+            s.name,
+            top.values[s.name] / factor,
+            top.sds[s.name] / factor,
+            "" if s.unit == "1" else s.plain_unit,
+        )
+        for s, factor in shown
+    )

@@ -32,6 +32,10 @@ STEPS = (
     "next: bayesdrill ladder CONFIG samples the best candidates and compares them."
 )
 NONE_TRUSTED = "fit: none of these can be trusted, so no change of the config is recommended.\n"
+FACTOR = (
+    "fit: DO NOT BELIEVE the values above: a value or unit is off by a factor. Correct the line in "
+    "brackets before any physics is added."
+)
 LOOK = (
     "next: bayesdrill check CONFIG says what is odd in columns and units.\n"
     "next: look at the inputs and the gear: does anything drive the rig that no column records?\n"
@@ -55,9 +59,9 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
     notes = "\n".join(filter(None, [_reference(causes), wandering(causes)]))
     if not causes.good:
         tried = (
-            f"{refitted}, and none explains the misfit. The candidates were signs, gains, lags and "
-            "offsets of columns, clocks, the start, the gear, physics that the rig may lack, and "
-            "the noise."
+            f"{refitted}, and none explains the misfit. The candidates were values and units that are "
+            "off by a factor, signs, gains, lags and offsets of columns, clocks, the start, the gear, "
+            "physics that the rig may lack, and the noise."
         )
         return (Sentences("\n".join(filter(None, [tried, notes, LOOK]))),)
     best = causes.best
@@ -80,6 +84,8 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         caution and f"fit: {caution} It names no cause.",
         notes,
     )
+    if best is not None and best.off_by_a_factor:
+        said = (*said, FACTOR)
     table = (Sentences("\n".join(filter(None, said))), _candidate_table(causes))
     if best is None:
         return (*table, Sentences(NONE_TRUSTED + LOOK))
