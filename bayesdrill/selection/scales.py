@@ -55,16 +55,16 @@ def _columns(job: Job) -> Iterator[tuple[str, str, Entries]]:
     kinds |= {name: rig.symbols[name].unit for name in rig.inputs}
     for name, kind in kinds.items():
         constants = (data.get("inputs") or {}).get(name)
-        found: list[tuple[Place, Any]] = [*columns(data, name)]
+        entries: list[tuple[Place, Any]] = [*columns(data, name)]
         if isinstance(constants, int | float) and constants:
-            found.append((("inputs", name), constants))
-        for label, factor in _factors(kind) if found else ():
+            entries.append((("inputs", name), constants))
+        for label, factor in _factors(kind) if entries else ():
             for times in (1 / factor, factor):
                 lines: Entries = {}
-                for place, entry in found:
+                for place, entry in entries:
                     lines = merged(lines, _rescaled(place, entry, kind, times))
                 verb = "multiplied" if times > 1 else "divided"
-                words = f"the unit of {name} {verb} by {label} ({_where(job, found[0][0])})"
+                words = f"the unit of {name} {verb} by {label} ({_where(job, entries[0][0])})"
                 yield f"{SCALE}{name}_{times:.3g}", words, lines
 
 
