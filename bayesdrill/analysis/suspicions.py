@@ -79,7 +79,7 @@ def suspicions_of_start(problem: Problem) -> Iterator[Finding]:
     rig = [unknown for unknown in space.unknowns if unknown.role in RIG_ROLES]
     if any(u.name not in problem.nominal and prior_log_sd(u.prior) > MAX_LOG_SD for u in rig):
         return
-    full, mistakes = space.full(space.vector(space.start)[None]), list[Finding]()
+    full, contradictions = space.full(space.vector(space.start)[None]), list[Finding]()
     columns = (
         zip(each.experiment.channels, each.experiment.y.T, each.signals(full)[0].T, strict=True)
         for each in problem.observations
@@ -94,8 +94,8 @@ def suspicions_of_start(problem: Problem) -> Iterator[Finding]:
         named = _likely_mistakes(times, NEAR_START_FACTOR, problem.model.gear_ratio)
         if r_squared > MIN_R_SQUARED and named:
             names = {"channel": channel.name, "mistakes": named}
-            mistakes.append(Finding("unit against the start", names, {"times": times}))
-    yield from mistakes or _far_from_start(problem)
+            contradictions.append(Finding("unit against the start", names, {"times": times}))
+    yield from contradictions or _far_from_start(problem)
 
 
 def _far_from_start(problem: Problem) -> Iterator[Finding]:

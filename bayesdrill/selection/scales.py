@@ -11,9 +11,7 @@ from bayesdrill.basics import units
 from bayesdrill.config.job import Job
 from bayesdrill.selection.config_edits import Entries, Place, columns, merged, nested, rounded
 
-OF_ALL = FACTORS[
-    -1:
-]  # thousandths occur in all units, and the other factors in those of a rotation
+OF_ALL = FACTORS[-1:]  # thousandths occur in all units, the other factors only in a rotation's
 OF_ROTATION = ("rad", "N*m/A")  # units, or parts of units, of values that are often given by rpm
 # Keys of a prior that have its unit.
 KEYS = ("value", "low", "high", "median", "mean", "sd", "scale", "start")
@@ -55,16 +53,16 @@ def _columns(job: Job) -> Iterator[tuple[str, str, Entries]]:
     kinds |= {name: rig.symbols[name].unit for name in rig.inputs}
     for name, kind in kinds.items():
         constants = (data.get("inputs") or {}).get(name)
-        entries: list[tuple[Place, Any]] = [*columns(data, name)]
+        places: list[tuple[Place, Any]] = [*columns(data, name)]
         if isinstance(constants, int | float) and constants:
-            entries.append((("inputs", name), constants))
-        for label, factor in _factors(kind) if entries else ():
+            places.append((("inputs", name), constants))
+        for label, factor in _factors(kind) if places else ():
             for times in (1 / factor, factor):
                 lines: Entries = {}
-                for place, entry in entries:
+                for place, entry in places:
                     lines = merged(lines, _rescaled(place, entry, kind, times))
                 verb = "multiplied" if times > 1 else "divided"
-                words = f"the unit of {name} {verb} by {label} ({_where(job, entries[0][0])})"
+                words = f"the unit of {name} {verb} by {label} ({_where(job, places[0][0])})"
                 yield f"{SCALE}{name}_{times:.3g}", words, lines
 
 

@@ -150,7 +150,7 @@ def analyses_of_causes(rig: Model, names: dict[str, str]) -> Iterator[Any]:
     with WorkerPool(posterior, 1) as pool:
         ranking_ = ranking.Ranking(of.job, start, given, pool.submit_function, SILENT)
         ranking_.refit_all(rungs, start)
-    causes = Causes(given=given.fit, ranked=ranking_._ranked())
+    causes = Causes(given=given.fit, ranked=ranking_.ranked())
     yield repr(causes)
     yield describe_causes(causes)
     yield lacking(causes, of.job.problem.model.roles)
