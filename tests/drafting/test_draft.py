@@ -266,6 +266,9 @@ def test_a_data_sheet_becomes_the_nominal_table(tmp_path: Path) -> None:
     assert nominal["j_m"] == pytest.approx(0.5e-3 / 25)
     assert nominal["k_T"] == pytest.approx(0.045)
     assert {*nominal} == {"j_m", "k_T", "c_s"}
+    assert "there is no data sheet" not in (tmp_path / "r.yaml").read_text()
+    sheet.write_text("k_T: {value: 45, unit: mN*m/A}\nk_e: 0.045\n")
+    assert draft_of(record, gear=5, sheet=sheet)["parameters"]["k_e"] == {"tie": "k_T"}
     sheet.write_text("k_T: {value: 45, unit: mN*m/A, side: load}\nj_x: 3\n")
     message = refusal(record, sheet=sheet, force=True)
     assert "sheet.yaml: k_T" in message

@@ -23,6 +23,8 @@ PHRASES = {
     "counted",
     "places",
     "reason",
+    "seen",
+    "cure",
 }  # which the numbers of a finding make
 
 
