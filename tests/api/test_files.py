@@ -57,7 +57,7 @@ def test_a_link_or_file_in_the_place_of_a_folder_is_refused(name: str, tmp_path:
         folder.write_text("a file")
     ran = command_line.cli("example", folder)
     assert ran.status == 2
-    assert "is no folder" in ran.err
+    assert "is not a folder" in ran.err
     assert not [*elsewhere.iterdir()]
 
 

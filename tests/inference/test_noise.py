@@ -195,7 +195,7 @@ def test_a_sample_far_off_its_interval_overflows_nothing() -> None:
 def test_a_step_is_in_the_unit_of_the_column_and_must_be_known() -> None:
     channel = replace(noisy("w_1", 0.3, step=2.0), factor=0.25)
     assert Quantised.from_channels([channel], 3).steps == (0.5,)
-    with pytest.raises(ValueError, match="the step must be known \\(w_1\\)"):
+    with pytest.raises(ValueError, match="needs a known step \\(w_1\\)"):
         Quantised.from_channels([noisy("w_1", 0.3)], 3)
 
 

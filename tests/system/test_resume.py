@@ -64,8 +64,8 @@ class Stopping:
 
 STOPS = (
     ("searching", "nothing was found yet, and {} only has the config"),
-    ("learning", "the maximum is saved in {}, and nothing was sampled yet"),
-    ("the walkers", "the maximum is saved in {}, and nothing was sampled yet"),
+    ("learning", "the maximum is saved in {}, but nothing was sampled yet"),
+    ("the walkers", "the maximum is saved in {}, but nothing was sampled yet"),
     (" steps to the next look", "all samples so far are saved in {}"),
     ("the draws", "all samples so far are saved in {}"),
 )

@@ -144,7 +144,7 @@ def test_a_chain_of_an_older_version_is_believed_where_run_json_has_its_digest(r
         renew_digests(rig / name)
     assert bd.verify(rig / "out").together
     another_chain(rig)
-    message = "chain.h5: is of a run that it does not name (an older version wrote it)"
+    message = "chain.h5: is of an unknown run (an older version wrote it)"
     assert_refused(cli("report", rig / "out"), message)
 
 
