@@ -8,13 +8,13 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.analysis.record_findings import findings_of_record
-from bayesdrill.basics import units
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.findings import Finding
 from bayesdrill.basics.symbols import Symbol
@@ -38,11 +38,16 @@ MAX_UNUSED = 20  # unused columns that a terminal lists
 
 
 def config_text(
-    context: DraftContext, name: str, sheet: Mapping[str, Any], findings: Sequence[str] = ()
+    context: DraftContext,
+    name: str,
+    sheet: Mapping[str, Any],
+    findings: Sequence[str] = (),
+    tied: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     """Write the whole config, called `name`; `sheet` has the entries of `nominal:` in a data sheet.
 
-    `findings` are sentences on the record, each of which is to be reviewed.
+    `findings` are sentences on the record, each of which is to be reviewed.  `tied` has parameters
+    with the names of others to which they are equal.
     """
     assigned, start, nominal = context.lead.roles, context.starts[context.lead.label], []
     files = [file for record in context.records for file in (record, *record.companions)]
@@ -78,7 +83,7 @@ def config_text(
         *model,
         "",
         *nominal,
-        *_parameters(context, sheet),
+        *_parameters(context, sheet, tied),
     ]
     return "\n".join(lines) + "\n"
 
@@ -137,16 +142,16 @@ def _flow(section: str, items: Mapping[str, str]) -> str:
     return f"{section}: {{{pairs}}}" if pairs else ""
 
 
-def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
+def _parameters(
+    context: DraftContext, sheet: Mapping[str, Any], tied: Mapping[str, str]
+) -> list[str]:
     """Write priors: relative to the data sheet's values, or with bounds by the record's scales."""
     both_ways = any(roles.turns_both_ways(record.roles) for record in context.records)
     (scales, why), gear = _prior_scales(context), context.lead.roles.gear
     rig = with_named(context.lead.roles.rig, sheet)
-    tied = _one_constant(sheet, rig)
+    which = "priors of what the sheet does not give" if sheet else "there is no data sheet: priors"
+    why = f"{which} {why}"
     if sheet:
-        why = why.replace(
-            "there is no data sheet: priors", "priors of what the sheet does not give"
-        )
         sd = math.exp(SHEET_SD)
         why += f"; `relative` priors are factors of the sheet's values, with an sd of {sd:.2g}"
     driven = [inertia for inertia in rig.roles.inertias if rig.roles.motor(inertia.name)]
@@ -236,22 +241,9 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
         ends["N*m/rad"] = (1e-2 * j / duration**2, far * j / dt**2)
     ends |= {LINEAR[unit]: pair for unit, pair in ends.items() if unit in LINEAR}
     return ends, (
-        "there is no data sheet: priors span the scale of the record, by its largest "
-        f"{known}{more}. Hold what you have weighed or measured"
+        f"span the scale of the record, by its largest {known}{more}. "
+        "Hold what you have weighed or measured"
     )
-
-
-def _one_constant(sheet: Mapping[str, Any], rig: Model) -> dict[str, str]:
-    """Return back-emf constants by the torque constants to which the sheet says they are equal."""
-    si = dict[str, float]()
-    for name, entry in sheet.items():
-        value, unit = (
-            (entry["value"], entry.get("unit")) if isinstance(entry, dict) else (entry, "")
-        )
-        si[name] = value * (units.factor(unit, rig.symbols[name].unit) if unit else 1.0)
-    pairs = [(motor.back_emf, motor.torque_constant) for motor in rig.roles.motors]
-    known = [(k_e, k_T) for k_e, k_T in pairs if {k_e, k_T} <= {*si}]
-    return {k_e: k_T for k_e, k_T in known if math.isclose(si[k_e], si[k_T], rel_tol=SAME_CONSTANT)}
 
 
 def _prior_ends(ends: PriorEnds, rig: Model, symbol: Symbol, gear: float) -> tuple[float, float]:
@@ -331,12 +323,25 @@ def guess(
     text = config_text(context, name, values)
     asks, problem = _asks(text, target, paths[0], sheet)
     voltage = () if given.voltage is None else ("v",)
-    if findings := _findings(problem, describe, {"", *lead.roles.inputs, *voltage}):
-        text = config_text(context, name, values, findings)
+    findings = _findings(problem, describe, {"", *lead.roles.inputs, *voltage})
+    tied = _same_constants(problem, values)
+    if findings or tied:
+        text = config_text(context, name, values, findings, tied)
     channels = tuple(channel.name for channel in context.channels)
     labels = tuple(record.label for record in records if record.label)
     columns = (*_how_read(lead), *(f"REVIEW: {finding}" for finding in findings))
     return Guess(target, text, channels, labels, columns, asks)
+
+
+def _same_constants(problem: Problem, sheet: Mapping[str, Any]) -> dict[str, str]:
+    """Return back-emf constants by the torque constants to which the sheet says they are equal."""
+    pairs, si = (
+        [(m.back_emf, m.torque_constant) for m in problem.model.roles.motors],
+        problem.nominal,
+    )
+    given = {k_e: k_T for k_e, k_T in pairs if {k_e, k_T} <= {*sheet}}
+    same = (k_e for k_e in given if math.isclose(si[k_e], si[given[k_e]], rel_tol=SAME_CONSTANT))
+    return {k_e: given[k_e] for k_e in same}
 
 
 def _findings(

@@ -269,6 +269,12 @@ def test_a_data_sheet_becomes_the_nominal_table(tmp_path: Path) -> None:
     assert "there is no data sheet" not in (tmp_path / "r.yaml").read_text()
     sheet.write_text("k_T: {value: 45, unit: mN*m/A}\nk_e: 0.045\n")
     assert draft_of(record, gear=5, sheet=sheet)["parameters"]["k_e"] == {"tie": "k_T"}
+    sheet.write_text(
+        "k_T: {value: 45, unit: mN*m/A}\nk_e: {value: 0.045, unit: ohm}\nj_x: {unit: m}\n"
+    )
+    message = refusal(record, sheet=sheet, force=True)
+    assert "sheet.yaml: k_e" in message
+    assert "sheet.yaml: j_x" in message
     sheet.write_text("k_T: {value: 45, unit: mN*m/A, side: load}\nj_x: 3\n")
     message = refusal(record, sheet=sheet, force=True)
     assert "sheet.yaml: k_T" in message
