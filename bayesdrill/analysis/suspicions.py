@@ -103,24 +103,12 @@ def _far_from_start(problem: Problem) -> Iterator[Finding]:
 
     Each value of the rig is tried a thousand times as large and as small, as by a wrong prefix.
     """
-    space = problem.posterior.space
-    start = space.vector(space.start)
-    full = space.full(start[None])
-    rows, tried = [full[0]], [("", 1.0)]
-    for name, times in itertools.product(problem.model.parameters, (PREFIX, 1 / PREFIX)):
-        if name in space.free:
-            theta = np.where(np.array(space.free) == name, times * start, start)
-            rows.append(space.full(theta[None])[0])
-        elif name in space.fixed and name in space.model:
-            rows.append(np.where(np.array(space.model) == name, times * full[0], full[0]))
-        else:
-            continue
-        tried.append((name, times))
-    # Columns are what is measured, and rows what is predicted, in sizes of channels.
+    tried, rows = _wrong_prefixes(problem)
+    # The misfit of each row is in sizes of channels; `sizes` are measured over predicted ones.
     left, sizes = np.zeros(len(rows)), list[tuple[float, str]]()
     with np.errstate(all="ignore"):
         for each in problem.observations:
-            signals = each.signals(np.array(rows))
+            signals = each.signals(rows)
             for k, channel in enumerate(each.experiment.channels):
                 y = each.experiment.y[:, k]
                 power = float(np.nanmean(y**2))
@@ -138,6 +126,24 @@ def _far_from_start(problem: Problem) -> Iterator[Finding]:
     if mended or left[best] < MIN_LEFT * len(sizes):
         names |= {"value": tried[best][0], "factor": f"{tried[best][1]:g}"}
     yield Finding("size against the start", names, {"times": times})
+
+
+def _wrong_prefixes(problem: Problem) -> tuple[list[tuple[str, float]], Array]:
+    """Return names of values with factors, and the parameters `(n, P)` of each, the start first."""
+    space = problem.posterior.space
+    start = space.vector(space.start)
+    full = space.full(start[None])[0]
+    tried, rows = [("", 1.0)], [full]
+    for name, times in itertools.product(problem.model.parameters, (PREFIX, 1 / PREFIX)):
+        if name in space.free:
+            theta = np.where(np.array(space.free) == name, times * start, start)
+            rows.append(space.full(theta[None])[0])
+        elif name in space.fixed and name in space.model:
+            rows.append(np.where(np.array(space.model) == name, times * full, full))
+        else:
+            continue
+        tried.append((name, times))
+    return tried, np.array(rows)
 
 
 def _likely_mistakes(times: float, tolerance: float, gear: float) -> str:

@@ -73,7 +73,9 @@ def rank_scales(
 
     The result is None if wider priors gain nothing, or if no factor does.
     """
-    given = submit(refit_candidate, job.problem.posterior, maximum, -math.inf).result()
+    # The search that has just ended knows no higher maximum, so that no other start is needed.
+    posterior, starts = job.problem.posterior, [maximum]
+    given = submit(refit_candidate, posterior, maximum, -math.inf, starts=starts).result()
     ranking = Ranking(job, maximum, given, submit, report)
     widened = tuple(name for name in ranking.models.changes if name.startswith(WIDENED))
     ranking.refit_all(ranking.models.rungs([widened] if widened else []), maximum)
@@ -398,10 +400,9 @@ class Ranking:
             jobs = [rung.job() for rung in self.models.windows(WINDOWS)]
         except InputError:
             return ()
+        known, starts = (self.maximum, -math.inf), [self.maximum]  # few starts are enough
         posteriors = [job.problem.posterior for job in jobs]
-        none: dict[Any, Any] = {}
-        arguments = self.maximum, -math.inf, none, none, [self.maximum]  # few starts are enough
-        futures = [self.submit(refit_candidate, p, *arguments) for p in posteriors]
+        futures = [self.submit(refit_candidate, p, *known, starts=starts) for p in posteriors]
         maxima = [future.result() for future in futures]
         if None in maxima:
             return ()

@@ -59,7 +59,7 @@ def save_text(
 
 @contextmanager
 def _whole(place: Path, kind: Kind) -> Iterator[None]:
-    """If the block fails, remove the files of a kind, and folders that are then empty."""
+    """Remove the files of a kind, and folders that are then empty, if the block fails."""
     try:
         yield
     except BaseException:

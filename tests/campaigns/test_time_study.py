@@ -122,7 +122,7 @@ def test_foreign_runs_are_no_changes() -> None:
 def test_a_foreign_run_among_twelve_hides_few_jumps_and_is_no_change(
     off: float, share: float
 ) -> None:
-    """With 15 % off, it kills the mutant whose spread has a prior of the scale 0.1."""
+    """The run that is 15 % off kills the mutant whose spread has a prior of the scale 0.1."""
     index, ones = np.arange(12.0), np.ones((12, 1))
     alarms = {"jump": 0, "jump without the foreign run": 0, "no jump": 0}
     for seed in range(50):

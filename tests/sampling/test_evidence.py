@@ -108,7 +108,7 @@ def test_a_proposal_far_below_the_chain_has_a_large_error_and_ends_nothing() -> 
 
 
 def test_walkers_at_far_apart_densities_have_a_finite_error() -> None:
-    """If a record contradicts its priors, log p/q differs by thousands between walkers."""
+    """The values of log p/q of walkers differ by thousands if a record contradicts its priors."""
     on_chain = np.linspace(-2000.0, 2000.0, 240).reshape(2, 20, 6)
     found = bridge(on_chain, np.linspace(-3000.0, -2000.0, 100), 100)
     assert found is not None

@@ -191,7 +191,7 @@ class SamplerSpec(Strict):
     ess: Positive = Field(4000.0, description="Bulk effective sample size of every unknown.")
     max_steps: Annotated[int, Field(ge=100, le=MAX_COUNT)] = 50_000
     likelihood: Literal["auto", "exact", "compressed"] = "auto"
-    """For long records of linear rigs: use all samples, or compress (auto: the faster)."""
+    """Use of all samples or of compressed ones, for long records of linear rigs (auto: the faster)."""
 
 
 class CalibrationSpec(Strict):

@@ -164,7 +164,7 @@ class AngleColumn(InputColumn):
 
     hold: Literal["first"] = Field("first", description="The input is linear between samples.")
     wraps: WrapsEntry | None = None
-    """Where the angle wraps: `true` after one turn, or a period in the column's unit."""
+    """Period after which the angle wraps: `true` for one turn, or a number in the column's unit."""
 
 
 class DecimateSpec(Strict):
@@ -263,7 +263,7 @@ class ChannelSpec(Series):
     """Noise standard deviation in the column's unit, or its prior when unknown."""
     noise: Annotated[NoiseSpec, shorthand("name")] = NoiseSpec()
     wraps: WrapsEntry | None = None
-    """Where an angle wraps: `true` after one turn, or a period in the column's unit."""
+    """Period after which an angle wraps: `true` for one turn, or a number in the column's unit."""
     derived_from: str | None = None
     """The channel from which this one was differentiated; the derivative is not fitted."""
 
