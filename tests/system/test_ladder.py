@@ -125,7 +125,7 @@ def guessed(
                 top = dataclasses.replace(template, fit=fit, log_z=self.given.log_z + odds)
                 self._keep(rung, job, top)
 
-    def submit(*_: object) -> Future[RefitMaximum]:
+    def submit(*_: object, **_named: object) -> Future[RefitMaximum]:
         future: Future[RefitMaximum] = Future()
         future.set_result(template)
         return future
