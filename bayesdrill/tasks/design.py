@@ -15,6 +15,7 @@ from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.job import Job
+from bayesdrill.config.schema.numbers import SensorFields
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.design.knowledge import posterior_knowledge, prior_knowledge
 from bayesdrill.design.limits import parse_limits
@@ -208,7 +209,10 @@ def coming_config(job: Job, design: ExperimentDesign) -> str:
         if name != source.input and isinstance(inputs.get(name), dict):
             inputs[name] = value
     unit = job.problem.model.symbols[source.input].plain_unit
-    inputs[source.input] = {"column": source.input, "unit": unit, "hold": "zero"}
+    given = inputs[source.input] if isinstance(inputs.get(source.input), dict) else {}
+    kept = {key: given[key] for key in ("unit", *SensorFields.model_fields) if key in given}
+    column = {"column": source.input, "unit": unit, "hold": "zero"}
+    inputs[source.input] = column | kept
     data["inputs"] = inputs
     simulation = data.get("simulation") or {}
     data["simulation"] = {k: v for k, v in simulation.items() if k not in ("duration", "rate")}

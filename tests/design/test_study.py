@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from support.array_cases import BOX, NOMINAL, two
 
 import bayesdrill as bd
-from bayesdrill.tasks.design import Designed
+from bayesdrill.tasks.design import Designed, coming_config
 
 PRODUCTS = ("k_s/j_1", "k_s/j_m", "c_m/j_m", "t_f/j_m", "k_e", "r_m/l_m", "k_T/(j_m*l_m)")
 
@@ -102,6 +103,15 @@ def test_the_coming_record_keeps_the_promise(tmp_path: Path) -> None:
         here = study.information.with_priors(np.full(len(values), 0.308)).bound(powers)
         assert here == pytest.approx(sd, rel=0.1), (name, products)
         assert abs(powers @ np.log(values / truth)) < 4.5 * sd, name
+
+
+def test_the_coming_config_keeps_the_sensor_of_the_input() -> None:
+    """The promise counts an unknown offset of the voltage, so the fit of the record has it too."""
+    offset = {"prior": "normal", "mean": 0.0, "sd": 100.0}
+    case = two(inputs={"v": {"value": 5000.0, "unit": "mV", "offset": offset}})
+    designed = case.design(high=12.0, hold=0.5, duration=2.0, draws=1)
+    entry = yaml.safe_load(coming_config(case.job, designed.design))["inputs"]["v"]
+    assert entry == {"column": "v", "unit": "mV", "hold": "zero", "offset": offset}
 
 
 def _power(product: str, name: str) -> float:

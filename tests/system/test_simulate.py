@@ -37,6 +37,7 @@ def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_pat
 
 
 FILE, W_1 = "file: small.csv", "w_1: {column: w_1, unit: rad/s, sigma: 0.05}"
+BOX = "{prior: uniform, low: 0.5, high: 1.5, relative: true}"
 NO_HEADER = "record.header: a simulated record has a header"
 ONE_FILE = "a simulated record is one file with one time"
 
@@ -80,6 +81,13 @@ def test_another_simulation_is_overwritten_with_force_only(tmp_path: Path) -> No
     (tmp_path / "small.csv").unlink()
     assert cli("simulate", config).status == 0
     assert (tmp_path / "small.csv").read_bytes() == record
+
+
+def test_a_config_of_known_values_simulates_although_nothing_can_be_fitted(tmp_path: Path) -> None:
+    values = [(f"{name}: {BOX}", f"{name}: nominal") for name in ("k_e", "j_1")]
+    config = command_line.small_config(tmp_path, *values)
+    assert cli("simulate", config, "-o", tmp_path / "new.csv").status == 0
+    assert_refused(cli("check", config), "parameters: no parameter is unknown")
 
 
 @run_cases("force", [False, True])

@@ -51,6 +51,9 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         names = [joint_name(config, unknown.name, label) for unknown in observed.unknowns]
         parts.append(replace(observed, parameters=parameters, noise_names=names))
     unknowns = case.space([*sensor_numbers.values()], [*noise_unknowns.values()])
+    if not unknowns.unknowns:
+        message = "no parameter is unknown; give at least one a prior, or only simulate a record"
+        raise case.source.error(("parameters",), message)
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood.joint(unknowns, parts, case.held_out),

@@ -52,9 +52,7 @@ def check_unknown(
         location = ("map", *(given_entries or ["method"])[:1])
         errors.run(location, optimiser(config).check, list(unknown))
     sampler, n_unknown = config.sampler, len(unknown)
-    if not unknown:
-        errors.add(("parameters",), "no parameter is unknown; give at least one a prior")
-    else:
+    if unknown:
         if sampler.walkers % 2 or sampler.walkers < 2 * n_unknown:
             unknowns = count_noun(n_unknown, "unknown")
             wanted = f"an even number, at least twice the {unknowns}, is wanted"

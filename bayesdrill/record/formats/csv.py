@@ -426,7 +426,9 @@ def _table_start(lines: TextLines, dialect: Dialect) -> int:
         number = row[0].strip() and to_number(row[0], dialect.decimal) is not None
         if len(row) == width and (number or numbers > len(words)):
             return max(names, 0)
-        named = len(row) == width and words and not numbers
+        # A spreadsheet fills the row of a title with delimiters.
+        title = names < 0 and len(words) == 1 < width and row[0].strip() != ""
+        named = len(row) == width and words and not numbers and not title
         names = (at if names < 0 else names) if named else -1
     return 0
 

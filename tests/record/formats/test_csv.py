@@ -103,7 +103,9 @@ def test_without_header_columns_are_numbered(delimiter: str, decimal: str, tmp_p
 @run_cases("case", TABLE["spellings"], lambda case: case["text"])
 def test_numbers_of_a_csv_are_read_in_every_spelling(case: dict[str, Any], tmp_path: Path) -> None:
     table = load(write(tmp_path / "run.csv", case["text"]), **case.get("options", {}))
+    names = [*table.variables]
     np.testing.assert_array_equal(np.column_stack(list(table.variables.values())), case["numbers"])
+    assert case.get("names", names) == names
 
 
 def test_a_decimal_comma_may_come_late(tmp_path: Path) -> None:
