@@ -1,7 +1,7 @@
 """Estimate the missing torque over time, and find what it follows: speed, angle, input, or time.
 
-Each draw of the unknowns has its own torque, drawn given all samples.  A torque is simulated from
-its prior, and corrected by smoothing the difference of its signals from the record.  Draws are thus
+Each draw of the unknowns has its own torque, drawn given all samples.  A torque is drawn from
+its prior, and the smoothed difference between the record and its signals corrects it.  Draws are thus
 from the joint posterior of unknowns and torque, and their band includes both uncertainties.
 
 The torque is then regressed on candidates by least squares, while its inertia turns.  The one that
@@ -27,7 +27,7 @@ from bayesdrill.rig.models.roles import ROTARY, InertiaRoles
 from bayesdrill.rig.simulators import simulator
 
 STANDSTILL = 0.05  # speed over its root mean square, below which an inertia stands still
-MIN_TURNING_SHARE = 0.05  # share of samples with a turning inertia; with fewer all samples count
+MIN_TURNING_SHARE = 0.05  # least share of samples at which the inertia turns; else all are used
 TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 
 
@@ -35,8 +35,8 @@ TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 class ChannelMotion:
     """The missing torque explains a part of the motion of a channel, SI.
 
-    `spread` is the sd of the channel.  `without` and `left` are root mean squares of its residuals
-    without and with the torque, at the mean of the draws, and `moved` that of the torque's effect.
+    `spread` is the sd of the channel.  Root mean squares at the mean of the draws are `without` of
+    its residuals without the torque, `left` of those with it, and `moved` of the torque's effect.
     `strayed` is the error of the linear prediction, in sds of noise, NaN for a linear rig.
     """
 
@@ -95,7 +95,7 @@ class TorqueEstimate:
 
     @property
     def turned(self) -> list[InertiaRoles]:
-        """Return one inertia for each known speed, of which the first is that with the torque."""
+        """Return one inertia for each known speed; that with the torque comes first."""
         inertias: dict[str, InertiaRoles] = {}
         for inertia in (self.inertia, *self.rig.roles.inertias):
             if inertia.speed in self.states:
@@ -104,14 +104,14 @@ class TorqueEstimate:
 
     @property
     def speeds(self) -> list[tuple[str, Array]]:
-        """Return the speeds `(T,)` of these inertias, with the names of the states."""
+        """Return the speed state of each inertia in `turned`, and its values `(T,)`."""
         return [(i.speed, self.states[i.speed] * (1.0 / i.reduction)) for i in self.turned]
 
 
 def torque_estimates(
     posterior: Posterior, draws: Array, rng: np.random.Generator
 ) -> tuple[TorqueEstimate, ...]:
-    """Estimate the torque of each experiment by draws `(N, D)`; return none if none is missing."""
+    """Estimate the torque of each experiment that misses one, by draws `(N, D)` of the unknowns."""
     full = posterior.space.full(draws)
     missing = [each for each in posterior.likelihood.observations if each.torque]
     return tuple(_estimate(observation, full, draws, rng) for observation in missing)

@@ -89,7 +89,10 @@ def plausibility_of_nominal(problem: Problem) -> tuple[Finding, ...]:
         values = {name: known[called] for name, called in names.items()}
         table = {n: x for n, x in values.items() if n in problem.published}
         table = {n: x for n, x in table.items() if x == problem.nominal[n]}
-        findings += _energy_of_nominal(values, model)
+        stated = {
+            n: x for n, x in values.items() if names[n] not in space.free or n in problem.nominal
+        }
+        findings += _energy_of_nominal(stated, model)
         findings += _geometry(table, model)
         findings += _poles(poles(model, {n: np.array([x]) for n, x in values.items()}), problem)
     return tuple(finding for k, finding in enumerate(findings) if finding not in findings[:k])

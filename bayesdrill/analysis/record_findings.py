@@ -1,4 +1,4 @@
-"""Find what a record says before any model: stillness, turned signs, one direction, odd cells."""
+"""Find doubtful columns without a fit: stillness, wrong signs, one direction, odd cells."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bayesdrill.rig.models.roles import InertiaRoles
 
 SMALLEST_RANGE = 1e-12  # range [SI] below which a column does not change: no sensor shows less
 MIN_SAMPLES = 20  # shorter columns are not judged
-MAX_SAMPLES = 20_000  # of longer records, so many samples are enough for these questions
+MAX_SAMPLES = 20_000  # number of samples of a longer record that are judged
 MIN_VARIANCE_RATIO = 1.5  # residual variance of a speed without the input over that with it
 MIN_R_SQUARED = 0.5  # R^2 of a speed by its input, below which its sign is not judged
 TURNED_CORRELATION = -0.9  # correlation of two angles, below which one of them counts backwards
@@ -23,7 +23,7 @@ FALLING_CORRELATION = -0.5  # correlation of speed and input below which one fal
 ONE_WAY_SHARE = 0.98  # share of samples on one side of zero in a record of one direction
 MAX_PERIOD = 20  # rows between two measured values of a slower sensor, at most
 MIN_HELD_SHARE = 0.9  # share of the runs of equal values with the typical length
-MIN_STEP_DIGITS = 3.0  # typical step between runs, in digits; a slow angle goes digit by digit
+MIN_STEP_DIGITS = 3.0  # least typical step, in digits; a slow angle changes digit by digit
 
 
 def findings_of_record(
@@ -113,7 +113,7 @@ def _motion(
 def _one_direction(
     names: Mapping[str, str], inertia: InertiaRoles, model: Model, unknowns: Collection[str]
 ) -> Iterator[Finding]:
-    """Yield a finding unless dry friction is unknown and the input has no offset, as someone decided."""
+    """Yield a finding, unless the user chose between both: friction is unknown, and no offset is."""
     offset = next((name for name in unknowns if name.startswith(f"offset_{names['input']}")), "")
     motor = model.roles.motor(inertia.name)
     rubbing = (inertia.sliding, inertia.friction, motor.drop if motor else "")

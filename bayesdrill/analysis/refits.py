@@ -19,10 +19,10 @@ from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.residual_checks import ResidualSummary, residual_summaries
 from bayesdrill.sampling.gauss_newton import gauss_newton, newton_gain
 
-# New unknowns start at these quantiles of their priors, beside the start that the config gives.
-# With the known maximum they fill a group of eight walkers, which takes no longer than one.
+# New unknowns start at these quantiles of their priors, and at the start of the config.  With the
+# known maximum these are eight points, which are simulated together in the time of one.
 START_QUANTILES = (0.58, 0.05, 0.42, 0.2, 0.8, 0.65)
-FEW_STARTS = 3  # number of other starts, if a change has a maximum alone
+FEW_STARTS = 3  # number of other starts, if the maximum of this change alone is known
 ROTATION = 2  # cyclic shift of the quantiles from one unknown to the next
 FIRST_STEPS, LAST_STEPS = 4, 30  # numbers of Gauss-Newton steps from all starts, and from the best
 CLIMBED_STARTS = 8  # number of the best starts that take the last steps
@@ -45,7 +45,7 @@ class RefitMaximum:
     `at_ends` maps unknowns at an end of their prior to -1 (lower) or 1 (upper).  `several` is true if
     another maximum with other values of new unknowns is about as high.  `alike` are pairs of new
     unknowns that are interchangeable.  `vague` are unknowns that the record hardly determines.  An
-    evaluation takes `seconds`, and the whole refit `took` so many with this number of `evaluations`.
+    evaluation takes `seconds`; the whole refit `took` some seconds and a number of `evaluations`.
     `hidden` is the share of samples that the candidate leaves out.  A search that is not `finished`
     was stopped below its maximum.
     """
@@ -70,7 +70,7 @@ Records = Mapping[tuple[str, str], Array]
 
 
 class CountingDensity(LogDensity):
-    """It counts `evaluations` of responses and their derivatives, which take about as long."""
+    """The density counts `evaluations` of responses and of derivatives, which take as long."""
 
     def __init__(self, posterior: Posterior, evaluations: int = 0) -> None:
         """Count from `evaluations` on."""
@@ -111,13 +111,13 @@ def refit_candidate(
     Searches start from values `known` of given unknowns, from the maximum `alone` of this change,
     and from `starts` or else quantiles of the priors of new unknowns.  A search is not finished if it
     promises no more than the log density `least`, or would end far below it.  Nor is one whose pace
-    is too slow to reach the log evidence `rival` (`gauss_newton`).  With a maximum `alone`, it is not
-    even begun if the first step from the values `known` promises too little for that.
+    is too slow to reach the log evidence `rival` (`gauss_newton`).  With a maximum `alone`, no
+    search begins if the first step from the values `known` promises to stay below `rival`.
 
     The log evidence is that of a Gaussian with the curvature at the maximum (MacKay 2003, ch. 27).
     Priors count in it as Gaussians of their spread, so that an undetermined direction costs each
     candidate the same.  Samples of the `records` that it leaves out are Gaussian with the mean and
-    variance of their channel.  Those at the beginning may have the noise of a rig that is held.
+    variance of their channel.  At the beginning, they may have the noise of a rig that is held.
     """
     started = time.perf_counter()
     space, coordinates = posterior.space, posterior.coordinates
@@ -188,8 +188,8 @@ def _starts(
 ) -> Array:
     """Return physical starts `(W, D)`: from `known` and `alone`, and at quantiles of the priors.
 
-    If no unknown is new, quantiles of all unknowns are taken, as the model differs all the same.  A
-    change with a maximum of its own needs few of `starts` beside it, and no quantiles.
+    If no unknown is new, the model differs all the same, and quantiles of all unknowns are taken.
+    If the maximum `alone` is known, a few of `starts` are enough, without quantiles.
     """
     space = posterior.space
     points = [{**known}, {**alone}, *({**known, **start} for start in starts)]
@@ -219,7 +219,7 @@ def _can_reach(surface: LogDensity, u: Array, records: Records, rival: float) ->
 
 
 def _height_of(surface: LogDensity, u: Array, records: Records, log_z: float) -> float:
-    """Return the log density with the log evidence `log_z`, if both differ as they do at `u (1, D)`."""
+    """Return the log density for a log evidence, if their difference is that at `u (1, D)`."""
     if not math.isfinite(log_z):
         return log_z
     posterior = surface.posterior
@@ -249,8 +249,8 @@ def _hidden(
 ) -> tuple[float, dict[tuple[str, str], Array]]:
     """Return the log density of samples of the `records` that a candidate leaves out, and squares.
 
-    Samples at the beginning may show a rig that is held, with the noise at `theta (D,)` about one
-    value.  Squares, by experiment and channel, are summed over samples kept, left out, and all.
+    Samples at the beginning may show a rig that is held: one value with the noise at `theta (D,)`.
+    For each experiment and channel, squares are summed over kept, left out, and all samples.
     """
     log_density, squares = 0.0, dict[tuple[str, str], Array]()
     sigmas = dict[tuple[str, str], float]()
@@ -279,7 +279,7 @@ def _hidden(
 
 
 def _with_hidden(row: ResidualSummary, squares: Array | None) -> ResidualSummary:
-    """Return the row with shares of all samples; those left out count by their `squares`."""
+    """Return the row with unexplained shares of all samples, with the `squares` of those left out."""
     if squares is None:
         return row
     kept, hidden, total = squares.tolist()

@@ -155,7 +155,7 @@ def case(
     model = arguments.rig(rig)
     priors = dict(parameters)
     missing = [name for name in model.added if name not in priors]
-    raise_if_any([Issue(f"parameters.{n}", f"the rig has it; give {PRIORS}") for n in missing])
+    raise_if_any([Issue(f"parameters.{n}", f"is missing; give {PRIORS}") for n in missing])
     given = {
         "name": name,
         "seed": seed,

@@ -6,8 +6,8 @@ unknowns, with the square block A_d, follow from z and the D - K others:
     p(z) = integral of p_d(A_d^-1 (z - A_f x_f)) p_f(x_f) dx_f / |det A_d|.
 
 Along one free unknown the ends of all priors are known exactly, so Gauss-Legendre quadrature between
-them is accurate.  Further free unknowns take the same nodes, quantiles of their priors at a lattice,
-for all z, so that the density is continuous in z.
+them is accurate.  Further free unknowns take quantiles of their priors at the points of a lattice.
+These nodes are the same for all z, so that the density is continuous in z.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ BATCH = 1 << 20  # numbers in memory at a time
 class _FreeUnknowns:
     """Logs of all unknowns at nodes are `z @ by_product.T + offset (O, D) + v * direction (D,)`.
 
-    `v` is the log of the first free unknown, between `low` and `high (D,)` of the unknowns.
+    `v` is the log of the first free unknown; all logs lie between `low` and `high (D,)`.
     `outer` are the columns whose priors the lattice integrates.
     """
 

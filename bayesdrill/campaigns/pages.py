@@ -1,4 +1,4 @@
-"""Write what a campaign shows: its figure, tables and page, and the pages of its runs on demand."""
+"""Write the results of a campaign: figure, tables, page, and the pages of runs on demand."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def page_name(run: str) -> str:
 
 
 def known_reasons(folder: Path, marks: Mapping[str, str]) -> dict[str, str]:
-    """Return what the pages say of runs whose draws have these marks; other pages count as none."""
+    """Return the reasons on pages of runs whose draws have these marks; others are outdated."""
     reasons = dict[str, str]()
     for run, mark in marks.items():
         path = (folder / page_name(run)).with_suffix(".json")

@@ -106,11 +106,11 @@ def describe_plan(plan: CampaignPlan, notes: Sequence[str]) -> str:
     spec, runs = plan.spec, plan.runs
     rigs = {run.rig for run in runs}
     many = f" of {len(rigs)} rigs" if len(rigs) > 1 else ""
-    lines = [f"campaign {spec.name}: {len(runs)} runs{many}, each by {plan.base.path}"]
+    lines = [f"campaign {spec.name}: {len(runs)} runs{many}, each with the config {plan.base.path}"]
     times = [run.time for run in runs if run.time is not None]
     span = f"over {max(times, default=0.0) / SECONDS[spec.time_unit]:.6g} {spec.time_unit}"
-    lines.append(f"times: {span}" if times else "times: none, so no drift is sought")
-    lines.append(f"noted: {', '.join(spec.noted) or 'nothing'}")
+    lines.append(f"times: {span}" if times else "times: none, so drifts are not searched")
+    lines.append(f"noted: {', '.join(spec.noted) or 'no columns'}")
     return "\n".join([*lines, *(f"note: {note}" for note in notes)])
 
 

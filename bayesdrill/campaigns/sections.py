@@ -88,14 +88,14 @@ def rigs_table(population: PopulationFit) -> Table | None:
 
 
 TABLE_EXPLAINED = (
-    "All in SI. `centre` is the level of the rig at the end of the campaign, at average noted numbers. "
-    "`runs differ by` is half the width of the central 68 % of runs. The next run lies in its interval "
-    "with a probability of 90 %. A nominal value agrees if more than 5 % of runs are as far off as the "
-    "nearest value within its tolerance."
+    "All in SI. `centre` is the level of the rig at the end of the campaign, at the means of noted "
+    "columns. `runs differ by` is half the width of the central 68 % of runs. The next run lies in its "
+    "interval with a probability of 90 %. A nominal value agrees if more than 5 % of runs lie at "
+    "least as far from the centre as the nearest value within its tolerance."
 )
 CHART = (
     "Each run by itself (bars: one standard deviation) and shrunk towards the others (dots), relative "
-    "to the centre; grey: where the next run lies with 50 and 90 %."
+    "to the centre; grey: the 50 and 90 % intervals of the next run."
 )
 
 
@@ -109,8 +109,8 @@ def campaign_sections(
     warning = "\n".join(["DO NOT BELIEVE this population:", *(f"  {x}" for x in doubts)])
     held = population.leave_one_out
     coverage = (
-        f"left out one by one, {100 * held.within_50:.0f} % of runs lie in the 50 % intervals of all "
-        f"others, and {100 * held.within_90:.0f} % in the 90 % intervals"
+        f"if each run is left out in turn, {100 * held.within_50:.0f} % of runs lie in the 50 % "
+        f"intervals of the others, and {100 * held.within_90:.0f} % in their 90 % intervals"
     )
     foreign = [alarm.sentence for alarm in record.outliers]
     bad = [f"{name}: {reason}" for name, reason in record.not_used.items()]
@@ -184,9 +184,9 @@ def run_sections(
 
 
 def likely_reason(outcome: RunOutcome, causes: Causes | None) -> str:
-    """Return why a run does not belong or does not fit, in words; an empty text if it does both."""
+    """Return why a run does not belong or does not fit, in words; empty if it belongs and fits."""
     if causes is None:
-        alone = "its record fits by itself, so the rig or its state was another"
+        alone = "its record fits by itself, so the rig or its state differed"
         return alone if outcome.outlier else ""
     if causes.best is None:
         return "nothing that was tried explains its record"

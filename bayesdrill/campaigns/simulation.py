@@ -41,7 +41,7 @@ def simulate_campaign(path: Path, seed: int | None, *, force: bool = False) -> d
     folder, names = table.parent, [str(row["name"]) for row in rows]
     files = [folder / f"{name}.csv" for name in names]
     output_files.refuse_unwritable(folder)
-    if not force:
+    if not force and folder.is_dir():
         for file in (table, folder / TRUTH, *files):
             output_files.refuse_existing(file, (path, base.path), force=False)
     folder.mkdir(parents=True, exist_ok=True)

@@ -58,7 +58,7 @@ class SourceLimits:
         return np.asarray(levels[..., np.minimum(held, self.count - 1)])
 
     def within(self, levels: Array) -> Array:
-        """Return the nearest levels that the source can make, found from the first to the last."""
+        """Return levels that the source can make, each the nearest after the one before."""
         step, before, out = self.slew * self.interval, 0.0, np.clip(levels, self.low, self.high)
         if step < math.inf:
             for k, level in enumerate(out):

@@ -87,9 +87,9 @@ class ExperimentDesign:
 
     `criteria` are mean log determinants of the targets' covariance by waveform.  `bands (3, T, K)`
     are quantiles `BAND` of the channels in the first experiment, and `limited (3, t, L)` those of the
-    limited quantities.  `kept` is the least share of draws that keep the limits.  For a rival,
-    `log_odds` by waveform replace the targets.  `variants` has sds of the targets by the changed
-    property of the experiment.
+    limited quantities.  `kept` is the least share of draws that keep the limits.  A design against
+    a rival model has `log_odds` by waveform, and no targets.  `variants` has sds of the targets by
+    the changed property of the experiment.
     """
 
     request: DesignRequest
@@ -173,9 +173,9 @@ def search_levels(
     smooth: bool,
     theta: Array | None = None,
 ) -> tuple[dict[str, Array], Array]:
-    """Return the usual waveforms by name, and the levels that are requested.
+    """Return the usual waveforms by name, and the levels of the requested family.
 
-    These are the best for `targets` at `theta (W, D)`, by default at the draws in `known`.  A
+    They are the best for `targets` at `theta (W, D)`, by default at the draws in `known`.  A
     `smooth` rig is linear in its input.
     """
     theta = known.draws if theta is None else theta
@@ -250,7 +250,7 @@ def _outlooks(
 
 
 def _refuse_hopeless(targets: Sequence[TargetOutlook], thresholds: IdentifySpec) -> None:
-    """Raise `InputError` if the best waveform leaves every target to what is known before."""
+    """Raise `InputError` if even the best waveform leaves every target to the prior."""
     ratios = [target.designed / target.now for target in targets]
     if all(thresholds.classify(ratio) == "left to the prior" for ratio in ratios):
         pairs = zip(targets, ratios, strict=True)

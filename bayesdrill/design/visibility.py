@@ -66,7 +66,7 @@ def examine_targets(
     Raises `InputError` if no waveform can show any of them.
     """
     source = coming.source
-    # Random levels reveal all symmetries, so a target that they hide is hidden in any waveform.
+    # A symmetry under random levels holds for every waveform.
     levels = source.low + (source.high - source.low) * rng.random(source.count)
     posterior = coming.posterior(source.within(levels))
     sensitivity = SensitivityStudy(posterior.likelihood)
@@ -133,7 +133,7 @@ def _nothing_to_learn(
         scaled = f"no channel changes if these are scaled together: {moved}"
         sentences.append(f"no waveform shows {target.name}: {scaled}")
         sentences += [
-            f"to learn {target.name}, {action}: its sd falls {shrink:.3g} times"
+            f"to learn {target.name}, {action}: this divides its sd by {shrink:.3g}"
             for action, shrink in visibility.remedies[k]
         ]
     others = ", ".join(target.name for target in invariants)

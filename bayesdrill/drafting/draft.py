@@ -62,7 +62,7 @@ def config_text(
         model = [f"model: {{name: {assigned.rig.name}}}"]
     if sheet:
         rows = [f"  {name}: {json.dumps(x)}" for name, x in {"tolerance": 0.2, **sheet}.items()]
-        head = comment("By the data sheet; `tolerance`: how far it may be off.")
+        head = comment("Values of the data sheet; `tolerance` is their relative error at most.")
         nominal = [*head, "nominal:", *rows, ""]
     lines = [
         *comment(
@@ -95,7 +95,7 @@ def _initial(start: StartGuess) -> list[str]:
         return [*rest, *review(start.doubts, 0), f"initial: {start.initial}"]
     where = " where the window begins" if start.window else ""
     what = "At rest" if start.zero_sds else "At rest, at angle zero"
-    return [*rest, *comment(f"{what}{where}: nothing to say in `initial:`")]
+    return [*rest, *comment(f"{what}{where}, so `initial:` is not needed")]
 
 
 def _experiments(context: DraftContext) -> list[str]:
@@ -103,8 +103,8 @@ def _experiments(context: DraftContext) -> list[str]:
     lines.append("experiments:")
     for record in context.records:
         lines += _experiment(context, record)
-    doubt = "the experiments share sensors: one noise, one offset, one lag"
-    doubt += "; remove a name, and it is an unknown of each experiment"
+    doubt = "the experiments share sensors, with one noise, one offset and one lag"
+    doubt += "; remove a name if each experiment has its own"
     # Unknowns of the sensors are shared; times of steps made by hand differ.
     shared = ["t_0"] if context.has_measured_input else []
     if context.voltage is None and context.lead.roles.v and not entries.constant_voltages(context):
@@ -149,11 +149,10 @@ def _parameters(
     both_ways = any(roles.turns_both_ways(record.roles) for record in context.records)
     (scales, why), gear = _prior_scales(context), context.lead.roles.gear
     rig = with_named(context.lead.roles.rig, sheet)
-    which = "priors of what the sheet does not give" if sheet else "there is no data sheet: priors"
-    why = f"{which} {why}"
+    which = "priors of parameters that the sheet does not give are wide: they"
+    why = f"{which if sheet else 'there is no data sheet, so priors are wide: they'} {why}"
     if sheet:
-        sd = math.exp(SHEET_SD)
-        why += f"; `relative` priors are factors of the sheet's values, with an sd of {sd:.2g}"
+        why += f". `relative` priors are about a factor of {math.exp(SHEET_SD):.2g} wide"
     driven = [inertia for inertia in rig.roles.inertias if rig.roles.motor(inertia.name)]
     rubbing, held = driven, set[str]()
     if context.lead.roles.train is not None:
@@ -165,7 +164,7 @@ def _parameters(
         if name in held:
             lines += [*review([trains.HELD_SCALE], 2), f"  {name}: 1.0"]
         elif both_ways and name in {inertia.friction for inertia in driven}:
-            doubt = "it keeps its sign, and this rig turns both ways: held at zero"
+            doubt = "it keeps its sign, but this rig turns both ways. So it is held at zero"
             doubt += ", and c_m stands for all friction"
             lines += [*review([doubt], 2), f"  {name}: 0.0"]
         elif name in tied:
@@ -181,7 +180,7 @@ def _parameters(
     further = [s.damping for s in rig.roles.shafts if s.stiffness in rig.parameters]
     further += [inertia.sliding for inertia in rubbing if both_ways]
     further = [name for name in further if name in rig.offers and name not in rig.parameters]
-    text = "Further physics is switched on by naming it, see docs/rigs.md; remove the #:"
+    text = "For further physics (docs/rigs.md), remove the # before a parameter:"
     lines += comment(text if further else "", 2)
     for name in further:
         _, high = _prior_ends(scales, rig, rig.symbols[name], gear)
@@ -222,7 +221,9 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
     v, w = voltage or DEFAULT_VOLTAGE, speed or DEFAULT_SPEED
     r, k = v / current if current else DEFAULT_RESISTANCE, v / w
     far = 1.0 if train is None and (torque or (voltage and current)) else WIDENING
-    more = "" if far == 1 else f"; resistances, torques and inertias {WIDENING:g} times further"
+    more = (
+        "" if far == 1 else f", and {WIDENING:g} times more for resistances, torques and inertias"
+    )
     torque = torque or k * v / r
     j = torque / w
     ends = {
@@ -241,8 +242,8 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
         ends["N*m/rad"] = (1e-2 * j / duration**2, far * j / dt**2)
     ends |= {LINEAR[unit]: pair for unit, pair in ends.items() if unit in LINEAR}
     return ends, (
-        f"span the scale of the record, by its largest {known}{more}. "
-        "Hold what you have weighed or measured"
+        f"reach as far as the record's largest {known} allow{more}. "
+        "Write a number for a parameter that you have weighed or measured"
     )
 
 
@@ -289,10 +290,10 @@ class Guess:
         return self.text.count(f"# {REVIEW}")
 
     def __str__(self) -> str:
-        marks = "1 mark" if self.reviews == 1 else f"{self.reviews} marks"
+        marked = "1 line" if self.reviews == 1 else f"{self.reviews} lines"
         labels = f"experiments {', '.join(self.experiments)}; " if self.experiments else ""
         lines = [
-            f"{self.path}: {labels}channels {', '.join(self.channels)}; {marks} REVIEW to look at",
+            f"{self.path}: {labels}channels {', '.join(self.channels)}; {marked} marked REVIEW",
             *(f"  {line}" for line in self.columns),
             *(f"still to do: {issue}" for issue in self.open_issues),
         ]

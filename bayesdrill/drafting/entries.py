@@ -111,7 +111,7 @@ def record_lines(context: DraftContext) -> list[str]:
     sensors = [s for channel in context.channels for _, s in context.sensors(channel.name)]
     if missing := dict.fromkeys(sensor.name for sensor in sensors if sensor.raw.n_missing):
         names = ", ".join(missing)
-        doubt = f"samples without a number, of {names}, are left out, each of its own channel alone"
+        doubt = f"missing samples of {names} are left out, each from its own channel only"
         lines += [*review([doubt], 2), "  missing: drop"]
     lines.append("  channels:")
     for channel in context.channels:
@@ -161,13 +161,13 @@ def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
         entries.append(f"measures: {channel.measures}")
     doubts = [] if channel.derived else [_glitches(label, s) for label, s in sensors]
     if period := max(s.raw.wrap_period for _, s in sensors):
-        doubts.append(f"it begins again after {period:.6g}, and is unwrapped")
+        doubts.append(f"it wraps after {period:.6g}, and is unwrapped")
         entries.append(f"wraps: {period:.10g}")
     if channel.derived:
-        twice = "and would count the same numbers twice"
-        doubts.append(f"it is made of differences of {channel.derived}, {twice}")
+        twice = "whose samples would be counted twice"
+        doubts.append(f"it was computed from differences of {channel.derived}, {twice}")
         entries.append(f"derived_from: {channel.derived}")
-        sigma = "1}    # means nothing here"
+        sigma = "1}    # has no effect"
     else:
         hint = context.lag
         if hint is not None and hint.channel == name:
@@ -180,20 +180,21 @@ def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
             )
             details.append(f"lag: {_lag_prior(context, hint.samples)}")
         elif sensor.location == TWIST:
-            text = "nothing hints at a delay; if its electronics is slower than that of the others, add"
+            text = "no delay is visible; if this sensor is slower than the others, add"
             slow = [*comment(text, 4), f"    #   lag: {_lag_prior(context, 0.0)}"]
         if zero := max(start.zero_sds.get(name, 0.0) for start in context.starts.values()):
-            doubts.append("at rest, but not at zero: where it counts from is an unknown")
+            doubts.append("it is not zero at rest: its offset is an unknown")
             details.append(f"offset: {{prior: normal, mean: 0, sd: {zero:.2g}}}")
         noise = [s.noise for _, s in sensors]
         if sensor.kind == "speed" and (step := signals.coarse_step(sensor.raw.x)):
-            doubts.append(f"a difference of counts? It goes in steps of {step:.5g} {sensor.unit}")
+            steps = f"it moves in steps of {step:.5g} {sensor.unit}"
+            doubts.append(f"{steps}, so it may be a difference of counts")
         least, most = min(noise), max(noise)
         spread = max(float(np.std(s.raw.x)) for _, s in sensors)
         size = " to ".join(dict.fromkeys((f"{least:.3g}", f"{most:.3g}")))
         doubts.append(
-            f"the noise is not stated; {size} {sensor.unit} differ from sample to sample, and the "
-            f"channel spreads by {spread:.3g}: the residuals of the model lie in between"
+            f"the noise is not stated. Neighbouring samples differ by {size} {sensor.unit}, and the "
+            f"sd of the channel is {spread:.3g}; sigma lies in between"
         )
         low, high = least / NOISE_PRIOR_FACTOR, max(most * NOISE_PRIOR_FACTOR, spread)
         sigma = f"{{prior: log_uniform, low: {low:.3g}, high: {high:.3g}}}}}"
@@ -218,8 +219,8 @@ def _glitches(label: str, sensor: Sensor) -> str:
         entry, more = "mask: glitches", f" and {len(times) - MAX_NAMED_GLITCHES} more"
     where = f" in {label}" if label else ""
     return (
-        f"looks like glitches{where}: {at} s{more}. The signal leaves its course and comes back, and no "
-        f"other channel goes with it. Nothing is masked; if it is the sensor's, add `{entry}`"
+        f"looks like glitches{where}: {at} s{more}. The signal departs and returns, while no other "
+        f"channel does. Nothing is masked; if this is an error of the sensor, add `{entry}`"
     )
 
 
@@ -247,11 +248,15 @@ def input_lines(context: DraftContext) -> list[str]:
     files = [record.file_of(sensor) for record, sensor in pairs] or context.records
     step = max(file.segment.dt for file in files)
     after = max(start.max_delay for start in starts) * step
-    doubt = "when it acts is known to one sample at best, and an error of half a sample shifts "
-    doubt += "inertias by many standard deviations: an unknown"
+    doubt = (
+        "the time at which inputs act is an unknown: it is known to one sample at best, and half a "
+    )
+    doubt += "sample shifts inertias by many standard deviations"
     if dead := max(start.dead for start in starts):
-        doubt += f". The speed follows about {1e3 * dead * step:.3g} ms late. A delay and a time "
-        doubt += "constant can stand for each other: `bayesdrill map` says so if they do here"
+        doubt += (
+            f". The speed follows about {1e3 * dead * step:.3g} ms late. `bayesdrill map` says "
+        )
+        doubt += "whether a delay and a time constant can be distinguished"
     entry = f"  t_0: {{prior: uniform, low: {-step:.4g}, high: {after:.4g}}}    # s"
     return [*lines, *review([doubt], 2), entry]
 
@@ -267,7 +272,7 @@ def constant_voltages(context: DraftContext) -> dict[str, str]:
 def _voltage(context: DraftContext) -> list[str]:
     v = context.lead.roles.v
     if context.voltage is not None:
-        return [f"  v: {context.voltage:.6g}    # V, as it was given, constant from the start on"]
+        return [f"  v: {context.voltage:.6g}    # V, as given, constant from the start"]
     if v is None:
         doubt = (
             "no column is a voltage. Write the supply here, in V: a number if it was constant, else "
@@ -276,15 +281,15 @@ def _voltage(context: DraftContext) -> list[str]:
         )
         return [*review([doubt], 2), ASKED_VOLTAGE]
     if known := constant_voltages(context):
-        doubts = [f"{v.name} is the same in every row; it is taken as constant from the start"]
+        doubts = [f"{v.name} is the same in every row, and is taken as constant from the start"]
         entry = [f"  v: {known[context.lead.label]}"]
     else:
         voltages = [record.roles.v for record in context.records]
         largest = max(float(abs(other.raw.x).max()) for other in voltages if other)
         doubts = [
-            "between samples it is taken as it was (zero); a supply that moves smoothly needs `first`",
-            "what the motor gets may differ from it: an unknown, "
-            f"{100 * SUPPLY_SD:g} % of its largest value",
+            "each value is held until the next sample (`zero`); a smooth supply needs `first`",
+            "the motor may get another voltage: its offset is an unknown, with an sd of "
+            f"{100 * SUPPLY_SD:g} % of the largest value",
         ]
         offset = f"      offset: {{prior: normal, mean: 0, sd: {SUPPLY_SD * largest:.2g}}}}}"
         entry = [f"{_opened_input(context, 'v', v)},", offset]
@@ -299,12 +304,12 @@ def _input(context: DraftContext, name: str) -> list[str]:
             sensor = inputs[entry]
             return [*sensor_comments(sensor, 2), f"{_opened_input(context, entry, sensor)}}}"]
     if name == "t_1":
-        return ["  t_1: 0.0    # N m, load on rotor 1: no column is one"]
+        return ["  t_1: 0.0    # N m, load on rotor 1; no column measures it"]
     if context.lead.roles.train is not None:
         what = context.lead.roles.rig.symbols[name].meaning
     else:
         what = "torque at the motor [N m]" if name == "t_m" else "speed or angle of the upper end"
-    doubt = f"no column is the {what}: taken as zero; name it by `--columns`, or write it here"
+    doubt = f"no column is the {what}, so it is zero; give `--columns`, or write it here"
     return [*review([doubt], 2), f"  {name}: 0.0"]
 
 

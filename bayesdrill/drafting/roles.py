@@ -79,12 +79,14 @@ def assign_roles(
     turning = [_behind_gear(sensor, turning, dt) for sensor in turning]
     value, why, doubt = gear or 1.0, "", ""
     if gear is not None:
-        why = "as it was given"
+        why = "as given"
         if abs(abs(ratio) / gear - 1) > 0.05:  # false for NaN
             doubt = f"{sources} turn as {abs(ratio):.4g}:1 by their units; check them, or the gear"
     elif math.isnan(ratio):
-        doubt = "no two columns tell the gear; it is taken as 1:1"
-        doubt += ", so that the motor's parameters are those behind it. Use `--gear 14` for 14:1"
+        doubt = "no two columns show the gear, so it is taken as 1:1"
+        doubt += (
+            ". Parameters of the motor are then those behind the gear. Use `--gear 14` for 14:1"
+        )
     else:
         value = abs(ratio)
         doubt = f"the gear ratio is not stated; {sources} turn as {value:.5g}:1"

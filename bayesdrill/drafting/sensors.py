@@ -1,4 +1,4 @@
-"""Identify what each column measures and its unit, by its head, then by relations between columns."""
+"""Identify quantity and unit of each column, by its header, then by relations between columns."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ def _doubt_of_drive(sensor: Sensor) -> str:
     """Return why a sensor cannot measure the drive of a rig that turns both ways; empty if it can."""
     low, middle, high = np.quantile(sensor.raw.x, (0.05, 0.5, 0.95))
     if sensor.kind == "voltage" and high - low < SUPPLY_RIPPLE * abs(middle):
-        return "hardly changes while the rig turns both ways: a supply, not what the motor gets"
+        return "hardly changes while the rig turns both ways: a supply, not the motor's voltage"
     if sensor.kind == "current" and (sensor.raw.x.min() >= 0 or sensor.raw.x.max() <= 0):
         sign = "never changes its sign while the rig turns both ways"
-        return f"{sign}: its size alone? Then take it out"
+        return f"{sign}. If it is the absolute value, remove it"
     return ""
 
 
@@ -149,7 +149,7 @@ def _resolve(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Senso
             doubt = f"no unit is stated; {relation}, as in {pair_units[0]} and {pair_units[1]}"
             revised = revised.revised(doubt=doubt + also if ambiguous else doubt)
         if location and not sensor.location:
-            revised = revised.revised(doubt=f"taken to be where {other.name} is")
+            revised = revised.revised(doubt=f"taken to be at the place of {other.name}")
         pair.append(revised)
     if factor < 0 and angle.column.meaning.is_reversed == speed.column.meaning.is_reversed:
         doubt = f"{relation}: one of them counts backwards; write `measures: -...`"
@@ -194,7 +194,7 @@ def _with_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> Sensor:
     """Return the sensor with a unit: its own, that of a similar column, or a guess."""
     meaning = sensor.column.meaning
     if sensor.unit:
-        source = signals.GIVEN_REASON if meaning.is_given else "by its head"
+        source = signals.GIVEN_REASON if meaning.is_given else "by its header"
         why = f"unit {sensor.unit}, {source}" if meaning.unit else ""
         return sensor.revised(why=why, doubt=contradiction(meaning))
     if sensor.kind in TURNS:
@@ -207,9 +207,9 @@ def _with_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> Sensor:
 
 
 def _guess_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> tuple[str, str]:
-    """Return a unit guessed by a word of the head, by steps or by size, and the reason."""
+    """Return a unit guessed from a word of the header, from steps or from size, and the reason."""
     size, word = float(np.abs(sensor.values).max()), sensor.column.meaning.kind_word
-    by_word = f"in which {word!r} is mostly counted"
+    by_word = f"the usual unit of {word!r}"
     by_size = f"judged by its size alone, up to {size:.3g}"
     match sensor.kind:
         case "speed" if word in RPM_WORDS:
@@ -221,7 +221,7 @@ def _guess_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> tuple[s
         case "angle" if counted := signals.counted_unit(sensor.values):
             return counted, "in which its steps make a round number for one turn"
         case "angle" if _outruns_motor(sensor, sensors, dt):
-            return "deg", "as in rad it would turn further than the motor before the gear"
+            return "deg", "because in rad it would turn further than the motor before the gear"
         case "angle":
             steps = np.abs(sensor.values[SPEED_SAMPLES:] - sensor.values[:-SPEED_SAMPLES])
             fast = float(np.percentile(steps / (SPEED_SAMPLES * dt), 95)) > FAST_SPEED
@@ -230,7 +230,7 @@ def _guess_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> tuple[s
             return "mA" if size > 100 else "A", by_size
         case "voltage":
             return "mV" if size > 400 else "V", by_size
-    return SI[sensor.kind], "the usual one"
+    return SI[sensor.kind], "the usual unit"
 
 
 def _outruns_motor(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> bool:

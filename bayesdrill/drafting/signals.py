@@ -51,7 +51,7 @@ def find_time(columns: Sequence[FileColumn], rate: float = 0.0, given: float = 0
     """Return the timing of the `given` rate [Hz], of a time column, of `rate` [Hz], or of 100 Hz."""
     indices = np.arange(len(columns[0].values))
     if given:
-        return Timing(indices / given, None, "s", "as it was given")
+        return Timing(indices / given, None, "s", "as given")
     for column in columns:
         if column.meaning.kind == "time" and _mostly_increases(column.values):
             return _timing(column, GIVEN_REASON if column.meaning.is_given else "by its name")

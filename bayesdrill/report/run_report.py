@@ -52,7 +52,7 @@ def provenance_section(run: ReportContext, folder: Path) -> Section:
             (
                 "sampler",
                 f"{sampler.ensembles} ensembles of {sampler.walkers} walkers; burn-in {c.burn_in} of "
-                f"{c.steps} steps, then one of {c.thin}",
+                f"{c.steps} steps, then thinned by {c.thin}",
             ),
             ("versions", marks["Versions"]),
             *([("seconds", took)] if took else []),

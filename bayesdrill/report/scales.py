@@ -31,13 +31,13 @@ def time_symbol(clock: Unit) -> Symbol:
 SINGLE, DOUBLE = 3.4, 7.0  # widths in inches of one column of text and of two
 DPI = 220  # resolution of PNG figures
 WIDTHS: Mapping[str, float] = MappingProxyType({"single": SINGLE, "double": DOUBLE})
-# Of each decade of a logarithmic axis, from many numbers to few.
+# Mantissas of the numbers on a logarithmic axis, from many in each decade to few.
 SERIES: tuple[tuple[float, ...], ...] = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
-CURVED_RATIO = 4.0  # ratio of its ends above which a logarithmic axis has numbers of a series
+CURVED_RATIO = 4.0  # ratio of the ends above which the numbers of a logarithmic axis are in SERIES
 
 
 def even_numbers(low: float, high: float, most: int) -> tuple[list[float], list[str]]:
-    """Return multiples of the finest step that gives at most `most`, and their texts."""
+    """Return at most `most` multiples of the finest suitable step, and their texts."""
     exponent = math.floor(math.log10((high - low) / most)) - 1
     while True:
         for factor, decimals in ((1.0, 0), (2.0, 0), (2.5, 1), (5.0, 0)):
@@ -102,14 +102,14 @@ _EMPHASIS = re.compile(r"(?<![\w*)])\*([A-Za-z][^*]*)\*(?!\w)")
 
 
 def printed(symbols: Iterable[Symbol] = ()) -> Mapping[str, Markup]:
-    """Return HTML of the rig's symbols and of these, by name, if they have a simple form."""
+    """Return HTML of the rig's and of further `symbols` by name, if they have a simple form."""
     known = (*PARAMETERS.values(), *STATES.values(), *INPUTS.values(), *symbols)
     letters = {symbol.name: _letter(symbol.latex) for symbol in known}
     return {name: Markup("<var>{}</var>").format(html) for name, html in letters.items() if html}
 
 
 def _letter(latex: str) -> Markup:
-    """Return HTML of a LaTeX symbol; it is empty unless that is a letter with an index."""
+    """Return HTML of a LaTeX symbol; empty unless it is a letter, with or without an index."""
     dotted = latex.startswith(_DOT)
     matched = _INDEXED.fullmatch(latex.removeprefix(_DOT).replace(r"\mathrm", ""))
     if matched is None:
@@ -130,9 +130,9 @@ def _letter(latex: str) -> Markup:
 def _splitting(
     pattern: re.Pattern[str], inside: Callable[[str], str], outside: Callable[[str], str]
 ) -> Callable[[str], Markup]:
-    """Return what typesets text: `inside` what the group of `pattern` finds, `outside` the rest.
+    """Return a function that typesets text: matches of `pattern` by `inside`, the rest by `outside`.
 
-    There text becomes HTML: what is not `Markup` is escaped.
+    Text that is not `Markup` is escaped.
     """
 
     def typeset(text: str) -> Markup:
@@ -143,10 +143,10 @@ def _splitting(
 
 
 class Typesetter:
-    """The typesetter makes HTML of text, and escapes it.
+    """The typesetter makes escaped HTML of text.
 
-    `plain`: names as they are printed, and powers; `prose`: also `code`, which keeps what is inside as
-    it is, **strong** and *emphasis*.
+    `plain` prints symbols and powers; `prose` also **strong**, *emphasis* and `code`, whose content
+    stays as it is.
     """
 
     def __init__(self, names: Mapping[str, Markup]) -> None:
@@ -161,10 +161,10 @@ class Typesetter:
         self.plain, self.prose = plain, _splitting(_CODE, code, stressed)
 
 
-# The ratio of its ends from which on a logarithmic axis says its powers of ten at its ticks.
+# Ratio of the ends from which on each tick of a logarithmic axis shows its power of ten.
 LONG_LOG_RATIO = 1e4
-CROWDED_RATIO = 1e5  # and that from which on small ticks would be too many
-NARROW_RATIO = 1e-3  # an axis narrower than this, relative to its numbers, counts from an origin
+CROWDED_RATIO = 1e5  # ratio of the ends from which on minor ticks would be too many
+NARROW_RATIO = 1e-3  # width of an axis, relative to its numbers, below which it has an origin
 
 
 type Labelled = Symbol | Channel
@@ -172,10 +172,10 @@ type Labelled = Symbol | Channel
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """The scale is that of an axis, which is shown from `low` to `high`.
+    """A scale maps values to positions on an axis, which is shown from `low` to `high`.
 
-    u = (x - origin) / 10**power of the value x, or log10(x / 10**power) where the axis is
-    logarithmic.
+    The position of a value x is u = (x - origin) / 10**power, or log10(x / 10**power) on a
+    logarithmic axis.
     """
 
     origin: float
@@ -193,22 +193,22 @@ class Scale:
         return self.number(values)
 
     def number(self, x: Array | float) -> Array:
-        """Return what the texts of the axis call the value x: in its power of ten, from its origin."""
+        """Return the numbers that the axis shows for values `x`, by its origin and power of ten."""
         return np.asarray((np.asarray(x) - self.origin) / 10.0**self.power, dtype=np.float64)
 
     def value(self, u: Array | float) -> Array:
-        """Return the value at the number `u` of the axis."""
+        """Return the value at the position `u` of the axis."""
         numbers = 10.0 ** np.asarray(u) if self.log else np.asarray(u)
         return np.asarray(self.origin + numbers * 10.0**self.power, dtype=np.float64)
 
     def density(self, prior: Prior, u: Array) -> Array:
-        """Return the density of a prior along the axis: flat where it is flat in what that shows."""
+        """Return the density of a prior per unit of the axis, per decade if it is logarithmic."""
         x = self.value(u)
         stretch = x * math.log(10.0) if self.log else 10.0**self.power
         return np.asarray(np.exp(prior.logpdf(x)) * stretch)
 
     def side(self, x: float | None) -> int:
-        """Return -1, 0 or 1: x is below, on or above the axis; 0 when there is none."""
+        """Return -1, 0 or 1 if `x` is below, on or above the axis; 0 for None."""
         if x is None:
             return 0
         u = float(self(x))
@@ -219,7 +219,8 @@ class Scale:
     ) -> tuple[Array, list[str]]:
         """Return two to `most` (3 or more) ticks at round values, and their texts.
 
-        They are `clear` of both ends, in widths of the axis, of which a `letter` takes its share.
+        `clear` is their least distance from both ends, and `letter` the width of a letter, both over
+        the width of the axis.
         """
         length = self.high - self.low
         low, high = self.low + clear * length, self.high - clear * length
@@ -255,9 +256,9 @@ class Scale:
 
 
 def scale(low: float, high: float, *, log: bool = False, margin: float = 0.0) -> Scale:
-    """Return a scale for values from `low` to `high`, and a `margin` in widths of the axis.
+    """Return a scale from `low` to `high` with a `margin` at both ends, over the width of the axis.
 
-    `log`: a logarithmic axis, unless it is so short that it would look the same.
+    With `log` it is logarithmic, unless it is so short that it would look linear.
     """
     if not high > low:
         half = 1e-9 * abs(low) or 1.0
@@ -288,7 +289,7 @@ def _power(farthest: float) -> int:
 def reaching(
     low: float, high: float, value: float | None, farthest: float = math.inf, *, log: bool = False
 ) -> tuple[float, float]:
-    """Return the ends, moved to show `value` where it is within `farthest` of them, in widths."""
+    """Return the ends, moved to show `value` if it is at most `farthest` widths outside."""
     if value is None or (log and not (low > 0 and value > 0)):
         return low, high
     first, last, at = (math.log(x) if log else x for x in (low, high, value))
@@ -299,7 +300,7 @@ def reaching(
 
 
 def unit_of(power: int, latex_unit: str) -> str:
-    """Return a power of ten and a unit in LaTeX; empty where there is neither."""
+    """Return a power of ten and a unit in LaTeX; empty without either."""
     ten = rf"10^{{{power}}}" if power else ""
     unit = rf"\mathrm{{{latex_unit}}}" if latex_unit else ""
     inside = r"\,".join(part for part in (ten, unit) if part)

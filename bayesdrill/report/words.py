@@ -173,7 +173,7 @@ def preview(problem: Problem, config: Config) -> str:
     start = posterior.space.vector(posterior.space.start)
     density = float(posterior.density(start[None])[0])
     is_far = density < FAR_FROM_FITTING * _numbers(problem)
-    far = ". The start is far from fitting, as usual; `bayesdrill map` finds where it fits"
+    far = ". Start values seldom fit; `bayesdrill map` finds values that do"
     far = far if is_far else ""
     priors = "\n".join(
         f"  {symbol.name}{f' [{symbol.plain_unit}]' if symbol.unit not in ('', '1') else ''}: "
@@ -213,14 +213,14 @@ def doubts_before_sampling(problem: Problem) -> tuple[str, ...]:
 def validity(doubts: Sequence[str], text: str) -> str:
     """Return the sentence that ends the check of a config, by its `text`, without mistakes.
 
-    The marks REVIEW of a draft are counted, which nobody has looked at yet.
+    The lines of a draft that are still marked REVIEW are counted.
     """
     lines = count_noun(
         len(doubts), "of the lines above is a doubt", "of the lines above are doubts"
     )
     look = f" {lines} about its values or its record." if doubts else ""
     marks = text.count("# REVIEW")
-    left = f" {count_noun(marks, 'mark')} REVIEW {'is' if marks == 1 else 'are'} left to look at."
+    left = f" {count_noun(marks, 'line')} marked REVIEW {'is' if marks == 1 else 'are'} left to look at."
     return f"The config has no mistakes and can be sampled.{look}{left if marks else ''}"
 
 
@@ -256,4 +256,4 @@ def _misfit(problem: Problem) -> str:
     if any(observation.unknowns for observation in likelihood.observations):
         return ""
     mean_square = likelihood.mean_square(space.vector(space.start)[None])[0]
-    return f"; misfit per number there {mean_square:.4g}, and 1 where only noise is left"
+    return f"; mean squared residual {mean_square:.4g} (1 where only noise is left)"

@@ -95,7 +95,9 @@ def _check_answers(scheduler: str) -> None:
     try:
         asyncio.run(identity())
     except Exception as error:  # another server at this address may answer anything
-        text = str(error).partition("\n")[0] if isinstance(error, OSError) else "another one does"
+        text = (
+            str(error).partition("\n")[0] if isinstance(error, OSError) else "another server does"
+        )
         reason = text or f"nothing in {PATIENCE:g} s"
         message = f"no scheduler answers at {scheduler} ({reason}); start one with `dask scheduler`"
         raise InputError.at("--scheduler", message) from None
@@ -248,7 +250,7 @@ def run_jobs[K, T](
     folder: Path,
     report: Reporter,
 ) -> None:
-    """Compute `function` for each job, of its `packed` arguments and the further ones.
+    """Compute `function` for each job, which has `packed` arguments and further ones.
 
     `finish` saves the result of a finished job in `folder`, and returns a text about the progress.
     A job that is computed twice, because a worker was lost, is saved once.  Raises like `results`.

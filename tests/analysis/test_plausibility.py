@@ -208,7 +208,7 @@ def test_an_evidence_has_the_digits_that_are_known_and_what_makes_it_doubtful() 
     text = evidence_sentences(ROUGH, wide, converged=True)
     assert "3535.6 +- 0.3" in text
     assert "ROUGH" in text
-    assert "that of c_s is 4.0 decades wide" in text
+    assert "the prior of c_s is 4.0 decades wide" in text
     assert "ROUGH" in evidence_sentences(GOOD, (), converged=False)
     stepped = dataclasses.replace(ROUGH, steps=-0.41, steps_error=0.29)
     text = evidence_sentences(stepped, (), converged=True)

@@ -72,7 +72,7 @@ DATES = np.datetime64("2026-01-01") + np.arange(len(T)) * np.timedelta64(20, "ms
         ({"parameters": ALL_FREE | {"k_s": 1j}}, "parameters.k_s: no entry can be"),
         ({"rig": bd.MotorShaft}, "rig: give a name .* or a model, such as MotorShaft"),
         ({"rig": "motorshaft"}, "did you mean motor_shaft"),
-        ({"rig": bd.MotorShaft(added=("v_d",))}, r"parameters\.v_d: the rig has it; give a prior"),
+        ({"rig": bd.MotorShaft(added=("v_d",))}, r"parameters\.v_d: is missing; give a prior"),
         ({"model": {"i_m": 0.2}}, "model: arrays and `rig` give this already"),
         ({"record": {"time": {"rate": 9.0}}}, "record.time: arrays and `rig` give this already"),
         ({"record": "drop"}, "record: give entries, such as a window"),

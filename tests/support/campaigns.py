@@ -31,7 +31,6 @@ def simulated(campaign: str) -> dict[str, str]:
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "runs").mkdir()
         command_line.small_config(folder)
         (folder / "campaign.yaml").write_text(campaign)
         result = command_line.cli("simulate", folder / "campaign.yaml")

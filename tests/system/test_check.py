@@ -72,7 +72,7 @@ def test_a_config_without_mistakes_is_said_to_have_none_and_its_doubts_are_count
         assert shown.endswith(f"\nThe config has no mistakes and can be sampled.{said}\n")
     drafted = ("parameters:", "# REVIEW: no sheet\nparameters:")
     shown = checked(command_line.small_config(tmp_path, energy, sampling, drafted))
-    assert shown.endswith(" can be sampled. 1 mark REVIEW is left to look at.\n")
+    assert shown.endswith(" can be sampled. 1 line marked REVIEW is left to look at.\n")
 
 
 @pytest.mark.slow

@@ -113,7 +113,7 @@ def test_what_no_waveform_shows_comes_with_what_would(tmp_path: Path) -> None:
         result,
         "no waveform shows k_s",
         "weigh or measure j_1 to 1 %",
-        "(to 1 %) added to j_1: its sd falls",
+        "(to 1 %) added to j_1: this divides its sd by",
         "--learn: to learn k_s, apply a known load torque",
         "--learn: a waveform can determine: k_s/j_1",
         "r_m/l_m",

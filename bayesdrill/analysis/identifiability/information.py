@@ -50,7 +50,7 @@ LARGEST_SLOPE = 1e100  # largest whitened slope, whose sums of squares do not ov
 class SensitivityStudy:
     """A study computes sensitivities to m unknowns and k nuisances.
 
-    Of each record the first `samples` are studied, as if all others had as much information.
+    Only the first `samples` of each record are studied, and scaled to the information of all.
     """
 
     def __init__(self, likelihood: Likelihood, samples: int = STUDIED_SAMPLES) -> None:
@@ -116,7 +116,7 @@ class SensitivityStudy:
     def changes(self, theta: Array, points: Array) -> Array:
         """Return by how much signals change from `theta (D,)` to `points (N, D)`, `(N, n)`.
 
-        They are whitened as at `theta`, and their slopes there are `with_nuisances`.
+        They are whitened at `theta`, where their derivatives are the rows of `with_nuisances`.
         """
         observations, parts = self.likelihood.observations, []
         moved = self.likelihood.all_signals(np.vstack([theta, points]))
@@ -201,7 +201,7 @@ class _ExtendedExperiment:
 
 
 RANK_TOLERANCE = 1e-11  # singular value over the largest, below which it is zero
-# Share of a direction in undetermined ones, above which its bound is infinite.
+# Share of a product that lies in undetermined directions; above it the bound is infinite.
 BLIND_SHARE = 1e-6
 MAX_FACTORS = 3  # largest number of factors of a simple product
 

@@ -20,8 +20,8 @@ class NominalValues:
     """Nominal values come from a table, unless the config gives them.
 
     The verdict compares parameters with `compared`, the values of this rig. A table that the config
-    does not name may describe another rig. Its values are compared only if the config uses them, or
-    if it uses some and gives no values of its own.
+    does not name may describe another rig. Its values are compared if the config uses them; all are,
+    if the config uses some and gives none of its own.
     """
 
     values: Mapping[str, float]

@@ -1,4 +1,4 @@
-"""A noise, whose contract is defined here, is the distribution of residuals of some channels.
+"""Define the contract of a noise, which is the distribution of residuals of some channels.
 
 Modules of the kinds of noise do not repeat the descriptions of `Noise`.
 """
@@ -95,7 +95,7 @@ class ChannelResiduals:
 
     @property
     def samples(self) -> Array:
-        """Return their residuals `(W, T, K)`."""
+        """Return all residuals of these channels `(W, T, K)`."""
         return self.residuals.samples[..., self.columns]
 
     @property
@@ -127,10 +127,10 @@ Residuals = SimulatorResiduals | ChannelResiduals
 
 
 class Noise(Protocol):
-    """A noise is a density of K channels, given its unknowns `theta (W, n)`, as in `unknowns`.
+    """A noise is a density of K channels; `theta (W, n)` has the values of its `unknowns`.
 
     Samples of a `white` noise are independent with the sd `scales`, so sums of squares suffice.
-    Slopes and `whitened_jacobian` are not used if there are `square_weights`.
+    `score` and `whitened_jacobian` are not used if there are `square_weights`.
     """
 
     @property
@@ -254,7 +254,7 @@ class ChannelNumbers:
 SCORING_STEPS = 100  # largest number of steps of a fit
 SMALL_STEP = 1e-4  # a fit ends when no step is larger
 LARGEST_STEP = 1.0  # bound on a step of the log, or of the probit
-END_MARGIN = 1e-4  # distance that a fit keeps from both ends, over their distance
+END_MARGIN = 1e-4  # distance that a fit keeps from both ends, over the width between them
 
 
 def fit_noise(noise: Noise, residuals: Residuals, theta: Array) -> Array:

@@ -151,7 +151,7 @@ def comparison_table(models: Sequence[RunSummary]) -> Table:
 
     def cells(k: int) -> dict[str, str]:
         model = models[k]
-        # Of the channel in which each is overlay.farthest from 1 or 0.
+        # Both are those of the channel in which they are farthest from 1 and 0.
         sizes = (summary.rms for summary in model.residuals)
         rms = max(sizes, key=lambda x: abs(math.log(max(x, 1e-300))))
         correlation = max((summary.correlation for summary in model.residuals), key=abs)
@@ -173,7 +173,7 @@ def comparison_table(models: Sequence[RunSummary]) -> Table:
 def _against_best[S: (HeldOutScore, LooScore)](
     scores: Sequence[S | None], value: Callable[[S], float], none: str
 ) -> list[str]:
-    """Return the difference of each score to the largest; `none`: the text of a missing score."""
+    """Return the difference of each score to the largest; a missing score has the text `none`."""
     best = max((score for score in scores if score), key=value, default=None)
     cells = []
     for score in scores:
@@ -232,7 +232,7 @@ def comparison_csv(models: Sequence[RunSummary], rows: Sequence[OverlayRow]) -> 
     return lines_as_csv(lines)
 
 
-FEW_MODELS, MAX_UNKNOWNS = 4, 12  # models up to which all unknowns are shown, and most unknowns
+FEW_MODELS, MAX_UNKNOWNS = 4, 12  # most models with all unknowns in the figure, and most unknowns
 SCORE_PANELS = 3  # panels of scores
 MAX_MODEL_LETTERS = 42  # most letters of a name
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")  # markers of channels
@@ -250,7 +250,7 @@ def comparison_figure(
     """Draw models, the most probable on top and black; `rows` of unknowns in SI."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [model.layer for model in models]
-    # Unknowns that two models share, and of many models half of them; the table has all.
+    # The figure has unknowns of at least two models, or of half of many; the table has all.
     least = max(2, len(models) / 2) if len(models) > FEW_MODELS else 2
     common = [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least]
     shared = [overlay.scaled_row(row, layers, display_units) for row in common[:MAX_UNKNOWNS]]
@@ -282,7 +282,7 @@ def _name(model: RunSummary) -> str:
 
 
 def _odds(panel: Axes, models: Sequence[RunSummary]) -> None:
-    """Draw log odds against the most probable model; the axis is linear up to certainty."""
+    """Draw log odds against the most probable model; the axis is linear up to odds of 20 to 1."""
     off = np.array([models[0].log_z - model.log_z for model in models])
     panel.set_xscale("symlog", linthresh=SURE_LOG_ODDS, linscale=0.8)
     panel.axvspan(0.0, SURE_LOG_ODDS, **style.CHANCE)
@@ -293,7 +293,7 @@ def _odds(panel: Axes, models: Sequence[RunSummary]) -> None:
         panel.plot([x - model.evidence.error, x + model.evidence.error], [y, y], color=colour)
     most = max(1.6 * float(off.max()), 2.0 * SURE_LOG_ODDS)
     panel.set_xlim(-0.3, most)
-    # Two of three decades at most, so that numbers keep apart.
+    # A long axis has every second decade, so that numbers do not overlap.
     far = [k for k in range(1, 9) if 10.0**k < most][:: 1 + int(np.log10(most) > 3.5)]
     ticks = [0.0, SURE_LOG_ODDS, *(10.0**k for k in far)]
     texts = ["0", f"{SURE_LOG_ODDS:.0f}"]
@@ -310,7 +310,7 @@ def _residual_panel(
     wanted: float,
     label: str,
 ) -> None:
-    """Draw a mark for each model in each channel; `wanted`: the value of noise alone."""
+    """Draw a mark for each model in each channel; `wanted` is the value of noise alone."""
     log = wanted == 1.0
     least, most = (0.8, 1.25) if log else (-0.1, 0.1)
     values = [value_of(row) for model in models for row in model.residuals]
@@ -366,15 +366,15 @@ def evidence_sentences(
     if not converged:
         rough = "the ensembles did not converge"
     elif evidence.error > POOR and evidence.steps_error > 0.5 * evidence.error:
-        rough = "the steps of the rig are long for it; a larger `model.pieces` helps"
+        rough = "the time steps of the rig are too long; a larger `model.pieces` helps"
     elif evidence.error > POOR:
         rough = "the proposal and the posterior have little in common; longer chains would help"
     if rough:
         lines.append(f"  ROUGH: {rough}")
     wide = [
-        f"that of {prior.name} is {prior.times:.0f} times as wide as its estimate is large"
+        f"the prior sd of {prior.name} is {prior.times:.0f} times its estimate"
         if prior.decades is None
-        else f"that of {prior.name} is {prior.decades:.1f} decades wide"
+        else f"the prior of {prior.name} is {prior.decades:.1f} decades wide"
         for prior in priors
     ]
     if wide:

@@ -117,7 +117,7 @@ def describe_map(mode: Mode, units: DisplayUnits) -> str:
 def describe_searches(mode: Mode) -> str:
     """Return how the searches for the MAP went, in one line, and what is to be known of it."""
     n, same = len(mode.searches), len(mode.highest)
-    said = f"MAP: {same} of {n} searches reached the same maximum"
+    said = f"MAP: {same} of {n} searches reached the {'' if same == 1 else 'same '}maximum"
     if not same:
         said = "MAP: draws from the priors led higher than the searches from the starts"
     if same < 2 and n > 1:

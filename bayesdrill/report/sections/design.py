@@ -74,7 +74,7 @@ def target_sentences(design: ExperimentDesign) -> str:
     lines: list[str] = []
     for target in design.targets:
         lines += [_sentence(target)]
-        lines += [f"  {what}: its sd falls {fall:.3g} times" for what, fall in target.remedies]
+        lines += [f"  {what}: this divides its sd by {fall:.3g}" for what, fall in target.remedies]
     return "\n".join(lines)
 
 

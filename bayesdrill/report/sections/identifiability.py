@@ -90,7 +90,7 @@ def structure(study: IdentifiabilityStudy) -> str:
     if structure.invariants:
         products = ", ".join(product(names, e) for e in structure.invariants)
         lines.append(
-            f"what such a record can show are {len(structure.invariants)} products of powers: {products}"
+            f"such a record can determine {len(structure.invariants)} products of powers: {products}"
         )
     return "\n".join(lines)
 
@@ -121,10 +121,11 @@ def symmetry(names: Sequence[str], exponents: Exponents) -> str:
             how = "all be multiplied by the same factor"
         return f"{listed(groups[1])} can {how} without changing any measured signal"
     parts = [
-        f"{listed(groups[e])} {'multiplied' if e > 0 else 'divided'} by {_power('f', abs(e))}"
+        f"{listed(groups[e])} {'is' if len(groups[e]) == 1 else 'are'} "
+        f"{'multiplied' if e > 0 else 'divided'} by {_power('f', abs(e))}"
         for e in sorted(groups, reverse=True)
     ]
-    return f"with {', '.join(parts)}, for any factor f, no measured signal changes"
+    return f"for any factor f, no measured signal changes if {', and '.join(parts)}"
 
 
 def dependence_sentences(study: IdentifiabilityStudy) -> str:
@@ -133,7 +134,7 @@ def dependence_sentences(study: IdentifiabilityStudy) -> str:
     for dependence in study.resting:
         verb = "depends" if len(dependence.unknown) == 1 else "depend"
         through = listed(dependence.through)
-        why = f"{through}, which the config holds, and can be right only as far as that is"
+        why = f"{through}, which the config holds. If that is wrong, they are wrong too"
         if priors := dependence.priors((dependence.narrowest,), (1,)):
             why = f"{priors_of(priors)} more than on the record, which hardly shows {through}"
         lines.append(
@@ -232,9 +233,9 @@ def summarise_study(study: IdentifiabilityStudy) -> str:
     if not symmetries:
         return "\n".join([_of_each(study), *rests])
     lines = [
-        "no such record shows everything:",
+        "no such record can determine all parameters:",
         *(f"  {line}" for line in symmetries),
-        "  `bayesdrill identify` says what would",
+        "  `bayesdrill identify` says which measurement would help",
     ]
     return "\n".join([*lines, *rests])
 

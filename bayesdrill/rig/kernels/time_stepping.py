@@ -49,7 +49,7 @@ from bayesdrill.rig.kernels.sums import SQUARES, Record, ResidualSums, Sample
 
 
 class Writer:
-    """Writes the code for a group of walkers."""
+    """A writer emits the code that steps a group of walkers."""
 
     def __init__(
         self, b: Builder, shape: SteppedShape, arguments: dict[str, ir.Value], group: ir.Value
@@ -66,8 +66,8 @@ class Writer:
         }
         self.span = number(b, self.a["numbers"], 0)
         self.stored = b.icmp_signed("!=", self.a["stored"], 0)
-        # Exponentials of a step, a substep and, if there is one, a long step; of a servo, whose loop
-        # may be open, those of its open loop behind them.
+        # Exponentials of a step, a part of a step and, if there is one, a long step; `opened` has
+        # those of the open loop of a servo.
         count = 2 + shape.long_steps
         whole, part, *stride = self.exponentials = [
             self.kind.room(shape.layout.size**2) for _ in range(count)
@@ -99,7 +99,7 @@ class Writer:
             self.stride = self._friction_mode(self._step(matrix, span))
 
     def walker_numbers(self, name: str) -> list[Number]:
-        """Load the numbers of a part of `own`, whose slopes are behind them."""
+        """Load the numbers of a part of `own`, with their slopes, which are stored after them."""
         return self.kind.shaped(self.b.read_row(self.walker[name], self.shape.walker_vectors[name]))
 
     def set_mode(self, state: list[Number]) -> None:
@@ -119,7 +119,7 @@ class Writer:
         store_exponential(b, room, constants, layout, *numbers, increments=False)
 
     def _part_exponential(self, whole: ir.Value, part: ir.Value) -> None:
-        """Store that of a part of a step with a reversal, which may be all of it."""
+        """Store the exponential of a part of a step with a reversal, which may be the whole step."""
         b = self.b
         parted = b.icmp_signed(">", self.a["turns"], 1)
         with b.if_else(parted) as (then, otherwise):
@@ -130,12 +130,12 @@ class Writer:
 
     @property
     def _part(self) -> Vector:
-        """Return the share of a step that a part is."""
+        """Return the length of a part over that of its step."""
         b = self.b
         return Vector(b, b.splat(b.fdiv(F64(1.0), b.sitofp(self.a["turns"], F64))))
 
     def _entry(self, e: ir.Value, row: int, column: int) -> Number | None:
-        """Return an entry of Phi or of what follows it; columns count states, one, and what drives."""
+        """Return an entry, or None for zero; columns are states, the constant 1, drives, frictions."""
         layout = self.shape.layout
         reached = layout.reach[row][column]
         return self.kind.get(e, row * layout.size + column) if reached else None
@@ -169,7 +169,7 @@ class Writer:
         return merged_step(closed, first, self._step(self.opened[place], span, opened=True))
 
     def _enter_loop(self, state: list[Number], drive: Mapping[int, Number]) -> None:
-        """Close or open the loop of the servo as it is at a state; friction has another mode then."""
+        """Close or open the servo's loop for a state; friction has another mode after a change."""
         assert self.servo is not None
         b, zero = self.b, Vector(self.b, vector(0.0))
         self.closed = self.servo.is_closed(self.servo.wanted(state, drive))
@@ -187,7 +187,7 @@ class Writer:
         self.kind.replace_if_any(changed, [], entered)
 
     def _corrected(self, now: StepStart) -> StepStart:
-        """Return the step with the voltage that a servo has in the mean, if it changes its range."""
+        """Return the step with the servo's mean voltage, if it reaches or leaves its limits."""
         assert self.servo is not None
         servo, step, x = self.servo, self.step, self.x_count
         if step.frictions:
@@ -238,16 +238,16 @@ class Writer:
     def _friction_mode(self, step: Step) -> FrictionMode:
         shape, frictions = self.shape, len(self.shape.model.frictions)
         rows = self.x_count + frictions
-        # Numbers: directions, and all entries.
+        # The mode stores directions and all entries.
         size = frictions + 2 * rows * (rows + 1 + len(shape.drives))
         return FrictionMode(step, shape.read or shape.efforts, self.b.room(size))
 
     def drive(
         self, node: Integer, state: Sequence[Number]
     ) -> tuple[dict[int, Number], dict[str, Number]]:
-        """Return what drives a step from a node on: by column, and by name in its middle.
+        """Return the drives of the step after a node by column, and its middle inputs by name.
 
-        Gravity is that in the middle too, where the speed leads to.
+        Gravity is taken at the angle in the middle of the step, to which the speed leads.
         """
         shape, first = self.shape, self.x_count + 1
         driving = [self._input(node, k) for k in range(len(shape.columns))]
@@ -291,7 +291,7 @@ class Writer:
             driving[slope] = (after - reference) / self.span
 
     def _input(self, node: Integer, k: int) -> Number:
-        """Load an input; a late one is between two rows of the block, each lane at its own."""
+        """Load an input; for a late one each lane interpolates between two rows of its own."""
         b, shape, count = self.b, self.shape, len(self.shape.columns)
         name = shape.series[k % len(shape.series)]
         if name not in shape.late:
@@ -307,7 +307,7 @@ class Writer:
         return here + (earlier - here) * share
 
     def start(self) -> list[ir.Value]:
-        """Return what is carried from step to step: the state and, if sizes vary, the history."""
+        """Return the numbers carried from step to step: state and, if sizes vary, history."""
         state = self.walker_numbers("x0")
         if (goal := self._limited_goal) is not None:
             self.kind.put(self._input(0, goal), self.reference, 0)
@@ -325,7 +325,7 @@ class Writer:
     def advance(
         self, node: Integer, registers: Sequence[ir.Value]
     ) -> tuple[list[Number], list[Number], list[ir.Value]]:
-        """Advance a step: new state, efforts (where they are shown), and what is carried on."""
+        """Advance a step; return the state, the efforts if they are shown, and carried numbers."""
         (state, past), x = self._shaped(registers), self.x_count
         now = StepStart(state, past, *self.drive(node, state))
         if self.servo:
@@ -354,7 +354,7 @@ class Writer:
         return ReversalStep(step, self.a["turns"], self._part)
 
     def run_samples(self) -> None:
-        """Advance from sample to sample; channels see the states there."""
+        """Advance from sample to sample, and observe the channels there."""
         b, shape = self.b, self.shape
         sums = shape.tally.initial(self.k_count) if shape.tally is not None else []
         start = self.start()
@@ -409,7 +409,7 @@ class Writer:
         return [where(self.closed, *both) for both in zip(rates, opened, strict=True)]
 
     def output(self, k: int, state: Sequence[Number], efforts: Sequence[Number]) -> Number:
-        """Return what channel k shows of states and efforts."""
+        """Return the value of channel k at states and efforts."""
         values = dict(enumerate([*state, None, *efforts]))
         terms = [(row, values[r]) for r, row in self.rows[k].items() if r != self.x_count]
         start = self.rows[k].get(self.x_count)
@@ -472,11 +472,11 @@ class Writer:
         b.write_row(self.kind.flat([value]), b.offset(self.a["out"], index))
 
 
-TRACE_VALUES = 3  # the value, and the rates after it and before the next one, times a step
+TRACE_VALUES = 3  # the value, and the changes in a step by the rates after it and before the next
 
 
 def emit_trace(w: Writer) -> None:
-    """Store the trace of all nodes; the last has a value alone."""
+    """Store the trace of all nodes; the last has only a value."""
     b = w.b
     nodes = Loop(b, w.a["nodes"], w.start(), "nodes")
     state = w.kind.shaped(nodes.carried)[: w.x_count]

@@ -12,7 +12,7 @@ over j_1) and A(6,5) is `-k_e/(i_m l_m)` (printed `-i_n k_e/l_m`).  The charge `
 back and is left out here.
 
 Assumes: rigid gearbox without play, massless shaft, friction `t_f` of constant sign (one-way rotation),
-`t_1` the load torque on rotor 1.  What is `added` goes beyond that:
+`t_1` the load torque on rotor 1.  Parameters in `added` extend the equations:
 
     j_2    j_m + i_m^2 j_2 in the place of j_m: inertia at the output of the gearbox
     r_s    r_m + r_s in the place of r_m
@@ -28,26 +28,26 @@ Assumes: rigid gearbox without play, massless shaft, friction `t_f` of constant 
            w_1' = ... - (k_0/j_1)(theta_1 - theta_0) and w_0' = (k_0/j_0)(theta_1 - theta_0): a rotor 0
            beyond rotor 1; c_0 (w_1 - w_0) acts beside k_0 (theta_1 - theta_0)
 
-A `two_rotors` has both of the first, held.  With theta_2 = i_m theta_3 for the motor's angle its
+A `two_rotors` has known `j_2` and `r_s`.  With the motor's angle theta_3 = theta_2/i_m it obeys
 
     l_m i' + (r_m + r_s) i + k_e theta_3' = v
     j_m theta_3'' + c_m theta_3' - k_T i + t_f = -i_m (k_s (theta_2 - theta_1) + j_2 theta_2'')
 
-have, the second times i_m, (j_m + i_m^2 j_2) theta_2''.  So a record shows no more of it: both
-scales of a `motor_shaft` stay open, though they are no common factors here.
+The second, times i_m, has the inertia j_m + i_m^2 j_2 of theta_2.  A record shows only such sums, so
+both symmetries of a `motor_shaft` remain, though they are no common factors here.
 
-A `driven_shaft` has no motor: the upper end of its shaft is moved as it was measured, so that `w_2` is
-an input.  An angle that is imposed, straight from sample to sample, is the speed that is constant
-between them.  `t_1` is, of a drill string, the torque at the bit: measured or, where its law is
-`added`, computed:
+A `driven_shaft` has no motor: the motion of its upper end is measured, and its speed `w_2` is an
+input.  An imposed angle that is linear between samples is a speed that is constant between them.
+For a drill string, `t_1` is the torque at the bit, measured or, if the law of rock is `added`,
+computed:
 
     b_0, b_1, b_2, b_3
            w_1' = ... - T/j_1 against w_1, with T by `BitRock` under the input `wob`
 
-A `motor` has no shaft, and turns whatever turns rigidly with it.  It is driven by a measured torque
-`t_m`, an input, in the place of k_T i; where its circuit is named (`k_e k_T r_m l_m`), by a voltage.
-Angle and speed are those behind the gear: of a motor without one (`i_m` 1, the default there) its own.
-All its parameters are at the motor, before the gear.  `k_s`, `j_1` and `c_s` add a shaft and rotor 1.
+A `motor` has no shaft; its inertia is that of all parts that turn rigidly with it.  Its input is a
+measured torque `t_m` in the place of k_T i or, if its circuit is named (`k_e k_T r_m l_m`), a voltage.
+Angle and speed are those behind the gear, or its own without a gear (`i_m` 1, its default).  All its
+parameters are at the motor, before the gear.  `k_s`, `j_1` and `c_s` add a shaft and rotor 1.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ GEAR_POWERS: Mapping[str, int] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class MotionWords:
-    """The record contains the words and units of a motion, rotary or linear."""
+    """A motion, rotary or linear, has these words and units."""
 
     moves: str
     torque: str
@@ -40,7 +40,7 @@ MOTIONS: Mapping[str, MotionWords] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InertiaRoles:
-    """The record contains the names of an inertia's states, inputs and parameters.
+    """The roles of an inertia are the names of its states, inputs and parameters.
 
     Configs call the inertia `name`, and sentences call it `words` (`the motor`).
 
@@ -90,7 +90,7 @@ class InertiaRoles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShaftRoles:
-    """The record contains the names of a shaft, whose `ends` are inertias or `GROUND`.
+    """The roles of a shaft are the names of its parameters; its `ends` are inertias or `GROUND`.
 
     Sentences call the shaft `words`, such as `the shaft`.
     """
@@ -105,7 +105,7 @@ class ShaftRoles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorRoles:
-    """The record contains the names of the circuit of a motor that turns an `inertia`.
+    """The roles of a motor are the names of its circuit; it turns an `inertia`.
 
     `current` and `voltage` are each a state or an input. `series` is a second resistance. `drop` is
     a voltage that opposes the current, and `effort` its symbol. A servo has the input `goal` in place
@@ -142,7 +142,7 @@ class MotorRoles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Roles:
-    """The record contains the parts of a rig.
+    """The roles of a rig are those of its parts.
 
     `gear` is the name of the field with the gear reduction factor, empty without a gear.
     """
@@ -154,17 +154,17 @@ class Roles:
     motion: MotionWords = ROTARY
 
     def inertia(self, name: str) -> InertiaRoles:
-        """Return the inertia of this name; raises `KeyError` where there is none."""
+        """Return the inertia of this name; raises `KeyError` if there is none."""
         return {inertia.name: inertia for inertia in self.inertias}[name]
 
     def motor(self, inertia: str) -> MotorRoles | None:
-        """Return the motor that turns an inertia, None where none does."""
+        """Return the motor that turns an inertia, or None."""
         return next((motor for motor in self.motors if motor.inertia == inertia), None)
 
     def moving(
         self, states: Collection[str], parameters: Collection[str]
     ) -> dict[str, list[InertiaRoles]]:
-        """Return the inertias that turn with each speed, of a rig with these names."""
+        """Return the inertias by the speed with which they turn, if the rig has these names."""
         moving: dict[str, list[InertiaRoles]] = {}
         for inertia in self.inertias:
             if inertia.speed in states and inertia.inertia in parameters:
@@ -201,7 +201,7 @@ class Roles:
         return frozenset(moving | {motor.current for motor in self.motors})
 
     def side(self, name: str) -> str:
-        """Tell on which side of the gear a parameter is: `motor`, `load`, or empty for neither."""
+        """Return the side of the gear of a parameter: `motor`, `load`, or empty for neither."""
         driven = {motor.inertia for motor in self.motors}
         for i in self.inertias if self.gear else ():
             if name in (i.inertia, i.damping, i.friction, i.sliding, i.static, i.fading, i.drag):
