@@ -5,11 +5,11 @@ al. 2018).  The band for the empirical distribution function of N ranks is that 
 Buerkner and Vehtari (2022).  It consists of pointwise binomial intervals of one level.  Their
 recursion gives the exact probability that the whole function stays inside.
 
-`refit` depends on the study and the index alone: it can run anywhere, and be repeated.
+`refit` depends only on the study and the index, so it can run anywhere, and be repeated.
 
 If the posterior is right, the verdict on all ranks is wrong with probability `FALSE_ALARM` at most.
-Half of it goes to the rank bands, in equal shares of the quantities.  The other half goes to the
-credible intervals, in equal shares of unknowns and levels (a union bound, as ranks are correlated).
+Half of it is divided equally among the rank bands of all quantities.  The other half is divided among
+the credible intervals of all unknowns and levels (a union bound, as ranks are correlated).
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def shape(ranks: Counts, n_draws: int, *, of_fit: bool = False) -> str | None:
     """Name what is wrong with a posterior whose `ranks (N,)` are not uniform; None if unclear.
 
     Mean and spread of the ranks decide.  A shift alone increases the spread, too, but only at one
-    end.  `of_fit` says that the ranks are those of the log likelihood.  If these draws are too
-    narrow about the best fit, they all fit the record better than the truth does.
+    end.  With `of_fit`, the ranks are those of the log likelihood: if draws are too narrow about
+    the best fit, they all fit the record better than the truth does.
     """
     u = (ranks + 0.5) / (n_draws + 1) - 0.5
     n = len(u)
@@ -68,7 +68,7 @@ LEVEL_BISECTIONS = 40  # number of bisections by which the pointwise level is fo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankBand:
-    """A band has limits `low` and `high (L,)` of how many of `n` uniform ranks are below `shares (L,)`.
+    """A band limits how many of `n` uniform ranks are below `shares (L,)`, to `low` to `high (L,)`.
 
     Uniform ranks leave the band with the exact probability `false_alarm`.
     """

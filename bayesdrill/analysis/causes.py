@@ -27,13 +27,13 @@ SURE_LOG_ODDS = 5.0  # natural logarithm of the odds from which on a candidate e
 NOISE = ("unknown_noise", "ar1")
 TORQUE = "missing_torque_"
 SCALE = "scale_"  # prefix of parts that multiply a value, or correct a unit
-# A cause with this share of the log evidence that an absorbing part gains is recommended instead.
+# A cause is preferred to an absorbing part if it gains this share of its log evidence.
 MIN_SHARE_OF_CATCH_ALL = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class FittedValue:
-    """A refit has this value of an unknown, in `unit`; in a `Cause`, one that the config lacks."""
+    """A refit found this value of an unknown, in `unit`; a `Cause` has those of new unknowns."""
 
     name: str
     value: float
@@ -47,7 +47,7 @@ class Doubt:
 
     Its kind is "end" if an unknown is at an end of its prior, "maxima" if another maximum is about as
     high, and "alike" if unknowns are interchangeable.  It is "hidden" if the candidate leaves out a
-    `share` of the samples and does not explain the others.  Unknowns or changes are in `said_of`.
+    `share` of the samples and does not explain the others.  `said_of` names unknowns or changes.
     """
 
     kind: Literal["end", "maxima", "alike", "hidden"]
@@ -109,7 +109,7 @@ class Causes:
     `given` are the residuals of the config as given.  `left_out` says why other candidates could not
     be tried.  If no candidate explains all, `windows` has unknowns refitted to windows of the record.
     `reference` is an input with the channel that follows it as a set point.  Combinations that are
-    `untried`, in words, would have taken more than the largest number of evaluations.
+    `untried`, in words, would have taken too many evaluations.
     """
 
     given: tuple[ResidualSummary, ...]
@@ -156,7 +156,7 @@ def recommended(causes: Sequence[Cause]) -> Cause | None:
 
 
 TABLE_FIT_STEPS = 40  # largest number of Gauss-Newton steps
-START_SHARES = (0.02, 0.2)  # a parameter is sought from these shares of its largest value
+START_SHARES = (0.02, 0.2)  # a search begins at these shares of a parameter's largest value
 REJECTED_SHARE = 0.01  # probability of rejecting the table although the rig agrees with it
 
 

@@ -90,7 +90,7 @@ class OverlayRow:
 
     @property
     def shared(self) -> bool:
-        """Return whether two runs have it as an unknown."""
+        """Return whether at least two runs have it as an unknown."""
         return self.pair is not None
 
 
@@ -141,8 +141,8 @@ Word = Literal["model", "noise", "both", "either", "priors", "neither"]
 class RunSummary:
     """A run is compared with others by its evidence and scores.
 
-    Runs with the same settings `rig` or `noise` have the same rig or noise, apart from priors, which
-    are in `beliefs` by unknown.  `loo` is a score, or why there is none.
+    Runs with equal settings `rig` or `noise` have the same rig or noise; priors are separate, in
+    `beliefs` by unknown.  `loo` is a score, or why there is none.
     """
 
     layer: PosteriorSummary
@@ -178,7 +178,7 @@ class ModelDecision:
 
     `first` and `best` are indices of the reference and of the most probable model. `gain` has the log
     odds of the best against the reference ("first"), and against the best with the reference's rig
-    ("model") or noise ("noise"). Models may have lost only by wide priors of the unknowns `vague`.
+    ("model") or noise ("noise"). Wide priors of `vague` unknowns alone may decide against a model.
     """
 
     word: Word

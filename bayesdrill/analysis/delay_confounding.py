@@ -1,4 +1,4 @@
-"""Find delays of inputs or channels that can hardly be told from a time constant of the rig."""
+"""Find delays of inputs or channels that can hardly be distinguished from a time constant of the rig."""
 
 from __future__ import annotations
 

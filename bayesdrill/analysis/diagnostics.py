@@ -37,7 +37,7 @@ class ParameterRow:
     """A row of the summary table describes one unknown, SI.
 
     `deviation` is that of the mean from the nominal value, relative; both are None for noise levels.
-    `shrinkage` is 1 - sd / sd of the prior.  Draws accumulate at the end `pressed_against`, if any.
+    `shrinkage` is 1 - sd / sd of the prior.  Draws may accumulate at a prior's end `pressed_against`.
     """
 
     name: str
@@ -100,7 +100,7 @@ def _word(shrinkage: float, distance: float) -> Word:
 
 
 END_MASS = 0.05  # mass of the prior next to its end in which half of the draws accumulate
-MIN_SHARE_NEAR_END = 0.25  # share of the draws nearer than half the median, at constant density
+MIN_SHARE_NEAR_END = 0.25  # share nearer to the end than half the median, at constant density
 NEAR_END_MASS = 0.05  # a nominal value with less mass of the prior beyond it is near the end
 THREE_SIGMA_TAIL, TWO_SIGMA_TAIL = 1e-3, 2.28e-2  # masses beyond three and two sigma of a normal
 
@@ -109,8 +109,8 @@ def pressed_against(x: Array, prior: Prior) -> float | None:
     """Return the end of `prior` at which draws `(N,)` accumulate, or None.
 
     Half of them lie in the last `END_MASS` of the prior's mass, and their density rises towards the
-    end, both along x and relative to the prior.  Corners of a box of priors alone have less effect:
-    with one scale of nine parameters, a marginal rises as its eighth power, with 37 % in this part.
+    end, both along x and relative to the prior.  Corners of a box of priors have less effect: if nine
+    parameters share a scale, a marginal rises as its eighth power, and 37 % are in this part.
     """
     if prior.vanishes_at_ends:
         return None
@@ -188,7 +188,7 @@ def prior_dependence(rows: Sequence[ParameterRow], draws: Array) -> Mapping[str,
 
 
 RANK_BINS = 50
-RANDOM_TABLES, TABLES_PER_BLOCK = 20_000, 2_000  # number of simulated tables, and at a time
+RANDOM_TABLES, TABLES_PER_BLOCK = 20_000, 2_000  # number of tables, and of those in memory
 FALSE_ALARM = 0.01  # probability that a sound run leaves the band anywhere
 TAUS_BETWEEN_DRAWS = 2  # autocorrelation times between draws that count as independent
 
@@ -263,7 +263,7 @@ def sandwich_sds(
 ) -> dict[str, float]:
     """Return the sds of the unknowns by `laplace.sandwich`, in the units of `theta (D,)`.
 
-    Those of `products` of powers of the first unknowns follow, by their names as derived quantities.
+    The sds of `products` of powers of the first unknowns follow, named like derived quantities.
     """
     covariance, names = laplace.sandwich(posterior, theta), posterior.space.free
     natural = posterior.coordinates.natural(theta[None])[0]

@@ -26,7 +26,7 @@ ZERO = np.zeros(1)
 
 @dataclass(frozen=True, slots=True)
 class Lack:
-    """A lack is an effect that a rig may be without; it is `dry` if it changes its sign."""
+    """A lack is an effect that a rig may not have; `dry` friction changes its sign."""
 
     name: str
     parameter: str
@@ -138,7 +138,7 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[s
 
 
 def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
-    """Return the posterior with parameters that the rig lacks as unknowns, sought from `theta (D,)`."""
+    """Return the posterior with missing parameters as unknowns; searches begin at `theta (D,)`."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space.full(theta[None]))
     free = []
     for name, size in sizes.items():

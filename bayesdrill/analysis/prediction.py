@@ -2,9 +2,9 @@
 
 The probability integral transform (PIT) of a sample is the predicted probability of a smaller value.
 If model and noise are right, PITs are uniform.  A sample that helps to predict itself would be
-predicted too well, so each PIT is of the posterior without that sample.  Draws are weighted by one
-over its density, truncated at the root of their number times the mean (Ionides 2008).  Pareto
-smoothing fails for samples at which all draws agree, such as the first of a rig at rest.
+predicted too well, so each PIT is of the posterior without that sample.  Draws are weighted by its
+inverse density, and weights truncated at their mean times the root of their number (Ionides 2008).
+Pareto smoothing fails for samples at which all draws agree, such as the first of a rig at rest.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def leave_one_out_check(likelihood: Likelihood, observation: Observation, theta:
 
 MAX_DRAWS = 800  # draws are thinned to this number
 MAX_SCORED = 50_000  # largest number of samples, whose densities are kept for all draws
-EQUAL_LOG_DENSITY = 1e-12  # log densities of a sample that differ less are equal for all draws
+EQUAL_LOG_DENSITY = 1e-12  # log densities of a sample that differ by less count as equal
 BAD_PARETO_K = 0.7  # Pareto k above which the score of a sample depends on a few draws
 MAX_BAD_SHARE = 0.01  # share of samples that may have such a k
 
@@ -129,7 +129,7 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
     for observation, measured in (*stretches, *whole):
         if measured is not None:
             residuals = measured - observation.signals(full)
-            # Correlated noise is predicted without the samples that are not held out.
+            # Correlated noise is predicted from earlier samples of this part only.
             record = replace(observation.experiment, y=frozen(measured))
             log_p = observation.for_record(record).pointwise(residuals, theta)
             log_p = log_p[:, ~np.isnan(measured)]
@@ -190,7 +190,7 @@ def _thinned(theta: Array) -> Array:
 
 SEGMENTS = 8  # number of segments of Welch's method, with an overlap of one half
 SMOOTHED_FREQUENCIES = 7  # number of frequencies over which the spectrum of noise is averaged
-MIN_SAMPLED_SHARE = 0.9  # share of measured samples of a channel; residuals of others are zero
+MIN_SAMPLED_SHARE = 0.9  # least share of measured samples of a channel; the others count as zero
 # Sd of a response over its magnitude, above which the input does not excite the channel.
 MAX_RELATIVE_SD = 0.25
 

@@ -95,7 +95,7 @@ class RunDraws(Value):
 
     @property
     def nothing_derived(self) -> Derived:
-        """Return derived quantities without any quantity."""
+        """Return an empty set of derived quantities."""
         values = np.empty((*self.sampled.draws.shape[:2], 0))
         return Derived(symbols=(), values=values, nominal={})
 
@@ -104,7 +104,7 @@ class RunDraws(Value):
         return {}  # keys are the products that are included
 
     def derived(self, judged: Judgement | None) -> Derived:
-        """Return derived quantities with the products of a verdict; none if that fails."""
+        """Return derived quantities, with the products of a verdict; an empty set after an error."""
         verdict = () if judged is None else judged.verdict.products
         products = tuple(quantity.exponents for quantity in verdict)
         if products not in self._derived:
@@ -143,28 +143,28 @@ class TorqueSummary:
 class RunAnalysis:
     """The analysis of a finished run is kept in `run.json`; `numbers` returns its values by name.
 
-    unknowns: what the draws say of each unknown [its own unit, SI]
-    fit: what the MAP leaves of each channel [sd of the noise]
-    inputs: inputs that residuals follow, where the fit leaves more than noise
-    sandwich: sds of unknowns and products that allow for what the fit leaves [its own unit, SI]
-    judged: what the record can show, and the verdict, if there is a table [SI, sigma, natural logs]
-    repeats: products of unknowns as each of several experiments has them [natural logs]
-    causes: what would explain a fit that leaves more than noise [SI]
-    instead: what the rig may lack, where the nominal table would be blamed [SI]
-    derived: what follows from the unknowns [its own unit, SI]
-    meanings: what derived quantities are, by name
-    convergence: what the ensembles say of each other [steps, draws]
-    acceptance: the share of proposals accepted, of each ensemble [1]
+    unknowns: summary of the draws of each unknown [its own unit, SI]
+    fit: residuals of each channel at the MAP [sd of the noise]
+    inputs: inputs that residuals follow, if the fit leaves more than noise
+    sandwich: sds of unknowns and products that allow for a misfit [its own unit, SI]
+    judged: identifiability, and the verdict if there is a table [SI, sigma, natural logs]
+    repeats: products of unknowns, estimated from each of several experiments [natural logs]
+    causes: possible causes of a fit that leaves more than noise [SI]
+    instead: parameter that the rig may lack, if the nominal table would be blamed [SI]
+    derived: summary of derived quantities [its own unit, SI]
+    meanings: meanings of derived quantities, by name
+    convergence: agreement of the ensembles [steps, draws]
+    acceptance: share of accepted proposals of each ensemble [1]
     failures: proposals inside the prior that had no finite response [1]
-    evidence: how probable the record is under the model [natural log]
-    vague: priors that are too wide for the evidence to mean much [decades, 1]
+    evidence: log probability of the record under the model [natural log]
+    vague: priors that are too wide for a comparison of evidences [decades, 1]
     leaning: unknowns that are determined by the priors of others alone
-    step_errors: what the steps of a rig that is stepped do at the MAP [sd of the noise]
+    step_errors: errors that time steps cause at the MAP [sd of the noise]
     torques: the missing torque of each experiment [N m]
-    moment: what inputs half a sample later would move [s, sd of the unknown]
+    moment: shifts of unknowns by inputs half a sample later [s, sd of the unknown]
     course: friction that drives instead of braking
-    rig: what is wrong with roles and gear of the rig
-    suspicions: what looks wrong with columns, units and sensors of the record
+    rig: mistakes in roles and gear of the rig
+    suspicions: possible mistakes in columns, units and sensors of the record
     """
 
     unknowns: tuple[ParameterRow, ...]
@@ -197,7 +197,7 @@ class RunAnalysis:
 
     @property
     def unsupported(self) -> Mapping[str, float]:
-        """Return sandwich sd over sd of quantities that the draws determine, but not the sandwich."""
+        """Return sandwich sd over sd of quantities that only the draws seem to determine."""
         ratios = {u.name: (u.sd, 1 - u.shrinkage) for u in self.unknowns if u.word == "determined"}
         if self.judged is not None:
             verdict = self.judged.verdict
@@ -224,7 +224,7 @@ def analyse(
 ) -> RunAnalysis:
     """Evaluate the `RunAnalysis` of a finished run, without sampling.
 
-    If the run is `alone`, not one of several candidates, the nominal table is tried with other rigs.
+    If the run is `alone`, not one of several candidates, other rigs are tried before a table is blamed.
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior

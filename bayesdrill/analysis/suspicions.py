@@ -39,12 +39,14 @@ FACTORS = (
     (1000.0, "thousandths for the whole, as mA for A (1000)"),
 )
 NEAR_FACTOR = 0.05  # tolerance of the log of a factor between two columns
-NEAR_START_FACTOR = 0.2  # the same for a factor to the start's prediction, which may be off
-# A channel's size over the one that the start predicts: usual starts are nearer, either way.
+NEAR_START_FACTOR = 0.2  # the same between a channel and its prediction by the start
+# Largest ratio, in either direction, of a channel's size to its prediction by a usual start.
 FAR_FROM_START, PREFIX = 20.0, 1000.0
-NEAR_MISFIT = 0.02  # mean square of what is left, over that of the channels, near a record
-MAX_LOG_SD = 1.5  # of the log of a prior (two decades): the middle of a wider one predicts nothing
-FEW, ALL = 3, 50  # places of an anomaly that a report names, and `check`
+NEAR_MISFIT = 0.02  # mean square of residuals near a record, over that of the channels
+MAX_LOG_SD = (
+    1.5  # sd of the log of a prior (two decades); the middle of a wider one predicts nothing
+)
+FEW, ALL = 3, 50  # number of places of an anomaly in a report, and in the output of `check`
 
 
 def suspicions_of_problem(problem: Problem, most: int = FEW) -> Iterator[Finding]:
@@ -73,7 +75,7 @@ def suspicions_of_record(
 def suspicions_of_start(problem: Problem) -> Iterator[Finding]:
     """Yield channels that are the start's prediction times the factor of a wrong unit, or far off.
 
-    A start that is only the middle of a wide prior predicts nothing, so that no unit is accused.
+    A start that is only the middle of a wide prior predicts nothing; then no unit is suspected.
     """
     space = problem.posterior.space
     rig = [unknown for unknown in space.unknowns if unknown.role in RIG_ROLES]
@@ -176,7 +178,7 @@ def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> Iterator[Fi
 
 
 def _goes_on(y: Array, jumps: Flags) -> bool:
-    """Return whether jumps are opposed to the motion before them, and none is taken back at once."""
+    """Return whether jumps oppose the motion before them, and the next step reverses none of them."""
     steps, at = np.diff(y), np.flatnonzero(jumps)
     before = steps[np.maximum(at - 1, 0)]
     spikes = jumps[1:] & jumps[:-1]
@@ -236,12 +238,12 @@ MAX_FOLLOWING = 20  # samples by which it may lag behind the input
 def find_reference(
     problem: Problem, residuals: Sequence[ResidualSummary]
 ) -> tuple[str, str] | None:
-    """Return an input and an angle that follows it as a set point, unlike the model; or None."""
+    """Return an input and an angle that follows it as a set point, but not in the model; or None."""
     shares = {(row.experiment, row.channel): row.share for row in residuals}
     goals = {motor.goal for motor in problem.model.roles.motors}
     for observation in problem.observations:
         experiment = observation.experiment
-        # The model has the loop that follows a goal.
+        # A model with a goal has the loop that follows it.
         inputs = [(name, u) for name, u in experiment.series.items() if name not in goals]
         for channel, y in zip(experiment.channels, experiment.y.T, strict=True):
             unexplained = shares[observation.label, channel.name] > MIN_LEFT

@@ -1,7 +1,7 @@
 """Find frictions, dampings and voltage drops that a record can hardly distinguish.
 
-The information of record and priors shows which they are, and the motion at the same point explains
-why.  Further experiments are tried by computing their information.
+The information of record and priors shows which they are, and the motion at that point shows why.
+Further experiments are tried by computing their information.
 """
 
 from __future__ import annotations
@@ -287,7 +287,7 @@ def drive_words(model: Model, drive: str) -> tuple[str, str]:
 def stall_voltage(model: Model, p: Mapping[str, float]) -> float:
     """Return the first drive, such as a voltage [V], at which the rig just turns against friction.
 
-    Below it the rig comes to rest, as friction at rest is no less.  The result is zero without
+    Below it the rig comes to rest, as friction at rest is at least as large.  The result is zero without
     friction, without a drive, and if the drive is a speed.
     """
     drive = next(iter(drives_of(model)), "")

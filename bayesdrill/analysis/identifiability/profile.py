@@ -215,7 +215,7 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
 def _side(
     fitter: Fitter, column: int, centre: float, sd: float, end: float
 ) -> list[tuple[float, ProfileFit]]:
-    """Return values and fits, each from the previous one, to an end of the prior; none if there."""
+    """Return values up to an end of the prior and their fits, each begun at the previous one."""
     if abs(end - centre) < AT_END:
         return []
     sign = 1.0 if end > centre else -1.0

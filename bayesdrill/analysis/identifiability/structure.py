@@ -251,7 +251,7 @@ def depends_on_fixed(
     prior_sd: Array,
     rng: np.random.Generator,
 ) -> tuple[DependsOnFixed, ...]:
-    """Find scales that fixed numbers determine, unless these are more than the unknowns.
+    """Find scales of unknowns that at most as many fixed numbers determine.
 
     With more, a user expects that.  `known` is the information of the record at `theta (D,)`, and
     `prior_sd (m,)` are sds of logs.  `rng` draws points at which symmetries are found.

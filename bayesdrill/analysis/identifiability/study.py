@@ -52,7 +52,7 @@ from bayesdrill.record.experiment import typical_inputs
 
 WEIGHED_TO = 0.01  # relative sd of a part that is weighed or tied
 LOAD_SHARE = 0.1  # largest effect of a known load on a channel, over its range
-ADDED_SHARE = 0.5  # of an inertia, which a known one adds in a further record
+ADDED_SHARE = 0.5  # a known inertia that is added in a further record, over the unknown one
 OTHER_DRIVE = 0.5  # another drive, half-way or in a further record, over the present one
 
 
@@ -202,7 +202,7 @@ def _other_inputs(
 def _load(
     sensitivity: SensitivityStudy, theta: Array, torque: str, where: str
 ) -> Iterator[tuple[str, DesignVariant]]:
-    """Yield the variant with a known load in the second half, as large as a record well shows."""
+    """Yield the variant with a known load in the second half, so large that a record shows it clearly."""
     motion, observations = sensitivity.model.roles.motion, sensitivity.likelihood.observations
     loaded = sensitivity.motions(theta, DesignVariant(late={torque: 1.0}))
     changes = []  # largest change of a channel by a unit load, over its range
@@ -217,7 +217,7 @@ def _load(
         yield what, DesignVariant(late={torque: load})
 
 
-MIN_FALL = 2.0  # factor by which an sd would fall if a nuisance that is named were known
+MIN_FALL = 2.0  # a nuisance is named if an sd would fall by this factor, were it known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -300,7 +300,7 @@ class IdentifiabilityStudy:
     """A study describes the identifiability of the unknowns at a physical point, which `at` names.
 
     `information` is that of the record alone.  `stand_ins` are parameters that a missing torque can
-    replace, and `scaled` are names, with its size, that a symmetry scales together.  `resting` are
+    replace, and `scaled` are names that a symmetry scales with its size.  `resting` are
     scales that fixed numbers determine.
     """
 
