@@ -202,7 +202,7 @@ def _other_inputs(
 def _load(
     sensitivity: SensitivityStudy, theta: Array, torque: str, where: str
 ) -> Iterator[tuple[str, DesignVariant]]:
-    """Yield the variant with a known load in the second half, so large that a record shows it clearly."""
+    """Yield the variant with a known load in the second half, so large that the record shows it."""
     motion, observations = sensitivity.model.roles.motion, sensitivity.likelihood.observations
     loaded = sensitivity.motions(theta, DesignVariant(late={torque: 1.0}))
     changes = []  # largest change of a channel by a unit load, over its range
