@@ -1,4 +1,4 @@
-"""Conclude from a population which runs and products need a look, and say it in sentences."""
+"""Find the runs and products of a population that need a look, and describe them in sentences."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class CampaignRecord:
     """The `campaign.json` of a finished campaign has these fields.
 
     name: the name of the campaign
-    mark: digest of all that decides the population, which is kept while this is the same
+    mark: digest of all inputs of the population, which is kept while the digest is the same
     verdict: the result in one sentence
     history: drifts, changes and walks of products, in sentences
-    left_out: products that are none of the population, and why
-    not_used: runs that nothing could be sampled of, or whose record is bad, and why
+    left_out: products that are not part of the population, and why
+    not_used: runs that could not be sampled, or whose record is bad, and why
     doubts: reasons not to believe the fits of runs
     reasons: likely reasons of runs whose pages were made
     alarms: runs and products that need a look
@@ -77,7 +77,7 @@ def concluded(
     misfit: Mapping[str, tuple[str, ...]],
     reasons: Mapping[str, str],
 ) -> CampaignRecord:
-    """Return the record of a campaign; `misfit` are the reasons why residuals of runs are no noise."""
+    """Return the record of a campaign; `misfit` has the reasons why residuals are not noise."""
     alarms = list[Alarm]()
     for run in population.runs:
         if run.outlier:

@@ -1,4 +1,4 @@
-"""Hold what is known of the runs of a campaign: draws of their log products under an interim prior.
+"""Hold the draws of the log products of each run of a campaign, under an interim prior.
 
 A run is sampled once, by itself, under a prior that is only provisional (interim).  Draws and log
 density of that prior are all that the population needs of a run (Hogg, Myers and Bovy 2010).
@@ -29,8 +29,8 @@ class FittedRun:
     log_products: draws `(S, K)` of the logarithms of the determined products
     log_interim: log density `(S,)` of the interim prior of these log products, up to a constant
     reasons: reasons not to believe the draws
-    misfit: the reasons among them why its residuals are no noise
-    attempt: how often it was sampled
+    misfit: those reasons that say why its residuals are not noise
+    attempt: number of times that it was sampled
     """
 
     log_products: Array
@@ -66,5 +66,5 @@ class CampaignDraws:
 
     @property
     def noted(self) -> tuple[str, ...]:
-        """Return the names of all columns that were noted beside any run."""
+        """Return the names of all columns that were noted for any run."""
         return tuple(dict.fromkeys(name for run in self.runs for name in run.noted))

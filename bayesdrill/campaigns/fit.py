@@ -1,4 +1,4 @@
-"""Fit the population of a campaign: history over time, population, and what follows for all."""
+"""Fit the population of a campaign: history over time, population, runs and rigs."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class ControlChart:
 
     history: its history, and the probabilities of its descriptions
     score: distance of each run from the median run, in standard deviations of run and population
-    alarm: whether the level is hardly constant
+    alarm: whether a constant level is improbable
     """
 
     product: str
@@ -51,7 +51,7 @@ class ControlChart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeaveOneOut:
-    """Runs are compared with intervals for them by the population of all other runs.
+    """Each run is compared with its intervals as the population of all other runs predicts them.
 
     within_50: share of runs and products inside their 50 % intervals
     within_90: share of runs and products inside their 90 % intervals
@@ -77,7 +77,7 @@ class PopulationFit:
     timed: names of the runs with a time, in order of time
     charts: control chart and history of each product, none without enough times
     leave_one_out: check of the intervals for a next run
-    misdescribed: runs whose draws are described badly, so that the population is doubtful
+    misdescribed: runs whose draws no mixture describes, so that the population is doubtful
     convergence: convergence of the chains
     """
 
@@ -250,7 +250,7 @@ def _trends(
 ) -> tuple[Array, Array, Array]:
     """Return offsets of runs by walks `(R, K)`, columns of drifts and changes, and sds ahead `(K,)`.
 
-    All are zero at the end of the campaign.  Runs without a time are as those at the end.
+    All are zero at the end of the campaign.  Runs without a time count as at the end.
     """
     n_runs, n_products = len(draws.runs), len(draws.products)
     offset, extra_sd = np.zeros((n_runs, n_products)), np.zeros(n_products)

@@ -54,7 +54,7 @@ class Reference:
     """The reference of a campaign is the maximum of its base config.
 
     Searches of all runs begin at its `values`.  `products` are those that its record determines without
-    priors, with powers `exponents` of the unknowns `names`.  `left_out` says why others are none.
+    priors, with powers `exponents` of the unknowns `names`.  `left_out` says why others are not used.
     """
 
     names: tuple[str, ...]
@@ -122,7 +122,7 @@ def shown_products(
 def _why_not(known: KnownProduct) -> str:
     """Return why a product is left out of the population."""
     if not np.isfinite(known.bound):
-        return "no such record shows it, so all that is known of it are priors"
+        return "no such record determines it, so only its priors are known"
     alone, prior = (f"{100 * sd:.2g} %" for sd in (known.bound, known.prior_sd))
     return f"the base record alone knows it to {alone}, and the priors to {prior}"
 
@@ -191,7 +191,7 @@ def started_at(posterior: Posterior, values: Mapping[str, float]) -> Posterior:
 
 @dataclass(frozen=True, slots=True)
 class _Stage(Silent):
-    """The stage of a batch says how many runs of all are done."""
+    """A stage counts the finished runs of all batches."""
 
     report: Reporter
     share: Callable[[], float]

@@ -29,7 +29,7 @@ LEAST_STEP, MOST_STEP = 0.05, 2.0  # bounds of a Metropolis step in the logarith
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GibbsState:
-    """A chain has this state; `root` times its transpose is the inverse of Sigma, and so `rig_root`.
+    """A chain has this state; `root` and `rig_root` times their transposes invert Sigma and Sigma_rig.
 
     `scales (K,)` are the auxiliary numbers of the prior of the sds, and `design (R, p)` has no gaps.
     """
@@ -134,7 +134,7 @@ class Chosen:
 def choose(data: RunArrays, state: GibbsState, rng: np.random.Generator) -> tuple[Chosen, Array]:
     """Choose a component and a precision for each run, given the population.
 
-    Returns them, and the log likelihood `(R,)` of the population by each run.
+    Returns both, and the log likelihood `(R,)` that each run gives the population.
     """
     nodes, log_mass = _precisions(state.nu)
     (n_runs, width, n_products), centres = data.means.shape, state.centres(data.rig)
@@ -144,7 +144,10 @@ def choose(data: RunArrays, state: GibbsState, rng: np.random.Generator) -> tupl
     for start in range(0, n_runs, size):
         part = slice(start, start + size)
         variance, axes = np.linalg.eigh(state.root.T @ data.covariances[part] @ state.root)
-        variance, axes = np.maximum(variance, 0.0), state.root @ axes  # but for rounding
+        variance, axes = (
+            np.maximum(variance, 0.0),
+            state.root @ axes,
+        )  # rounding may make it negative
         apart = ((data.means[part] - centres[part, None])[..., None, :] @ axes)[..., 0, :]
         total = variance[..., None, :] + 1.0 / nodes[:, None]
         log_p = -0.5 * (apart[..., None, :] ** 2 / total + np.log(total)).sum(axis=-1)

@@ -36,9 +36,9 @@ LEAST_SD = 1e-9  # least sd of a log product, so that very few draws have a cova
 class RunMixture:
     """A run has a mixture with `log_weights (C,)`, `means (C, K)` and `covariances (C, K, K)`.
 
-    `mean (K,)` and `covariance (K, K)` are the moments of the weighted draws.  `error` is by how much
-    distribution functions of draws and mixture differ more than by chance, at most, over the products
-    and the directions that make the draws uncorrelated.
+    `mean (K,)` and `covariance (K, K)` are the moments of the weighted draws.  `error` is the
+    largest difference, beyond chance, of the distribution functions of draws and mixture over the
+    products and the directions that make the draws uncorrelated.
     """
 
     log_weights: Array

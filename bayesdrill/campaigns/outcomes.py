@@ -99,7 +99,7 @@ class RunOutcome:
     shrunk: means `(K,)` as a member of the population
     shrunk_sd: standard deviations `(K,)` of these products
     description_error: error of the mixture that describes its draws, see `RunMixture`
-    ranks: probabilities `(K,)` that another such run is lower, from all other runs' population
+    ranks: probabilities `(K,)` of a lower value in the population of all other runs
     worst: product in which it is farthest from the other runs
     sds: distance from them in that product, in standard deviations of run and population
     tail: probability of a run at least as far out, under the t distribution
@@ -225,7 +225,7 @@ def rig_levels(
 def noted_effects(
     draws: PopulationDraws, columns: tuple[str, ...], products: tuple[str, ...]
 ) -> tuple[NotedEffect, ...]:
-    """Describe what each noted column, whose variance is one, does to each log product."""
+    """Describe the effect of each noted column, whose variance is one, on each log product."""
     rest = draws.spread**2 + sds_of(draws.rig_covariance) ** 2
     total = (draws.slopes[:, : len(columns)] ** 2).sum(axis=1) + rest
     return tuple(

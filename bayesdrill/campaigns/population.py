@@ -177,7 +177,7 @@ def _population_draws(
 
 
 def _trace(data: RunArrays, state: GibbsState) -> Array:
-    """Return what convergence is judged by: levels, coefficients, log sds, correlations, log nu."""
+    """Return the judged numbers: levels, coefficients, log sds, correlations, log nu."""
     parts = [state.slopes.ravel()]
     roots = [state.root] if data.n_rigs == 1 else [state.root, state.rig_root]
     if data.n_rigs > 1:

@@ -32,7 +32,7 @@ NO_PARQUET = "Parquet, in which a campaign keeps its draws,"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignRun:
-    """A run has a name, the `path` of its record, and what was noted beside it.
+    """A run has a name, the `path` of its record, and the numbers that were `noted`.
 
     `time` [s] is that since the first run.  `changes` are entries of the config that differ, and
     `place` is the line that lists the run.
@@ -102,7 +102,7 @@ def read_plan(path: Path) -> CampaignPlan:
 
 
 def describe_plan(plan: CampaignPlan, notes: Sequence[str]) -> str:
-    """Return what would run, and what is unusual about it, a line each."""
+    """Describe the runs, and what is unusual about them, a line each."""
     spec, runs = plan.spec, plan.runs
     rigs = {run.rig for run in runs}
     many = f" of {len(rigs)} rigs" if len(rigs) > 1 else ""

@@ -1,4 +1,4 @@
-"""Tell constant levels, a steady drift, sudden changes and a random walk of a log product apart.
+"""Distinguish a constant level, a steady drift, sudden changes and a random walk of a log product.
 
 The estimate of run i, in order of time, is y_i = h_i' b + level_i + e_i, where e_i is normal with the
 variance s^2 + c_i: the spread over runs, and what the record of run i leaves unknown.  Regressors h
@@ -12,7 +12,7 @@ evidence, which is summed over grids of s, of the moment of a change, and of the
 
 All but the grids is exact linear-Gaussian algebra: sums over the runs after each moment give the
 evidence of all changes at once (Smith 1975), and a Kalman filter that of the walk.  A further change
-is sought beside those before, until another is improbable.
+is added to those before, until another is improbable.
 
 Any run may be foreign: e_i then has a further variance FOREIGN_SD^2, with the prior probability
 FOREIGN.  The evidence is summed over sets of foreign runs, among those farthest from their neighbours
@@ -30,7 +30,7 @@ from bayesdrill.basics.arrays import Array, StoredArray
 
 SIZE = 0.1  # prior sd of a drift over the whole campaign and of a change, in logs
 PRIOR = {"constant": 0.7, "drift": 0.1, "changes": 0.1, "walk": 0.1}
-PRIOR_OF_ANOTHER = 0.1  # prior probability of a change beside those before
+PRIOR_OF_ANOTHER = 0.1  # prior probability of a further change
 ANOTHER_PROBABILITY = 0.9  # posterior probability with which a further change is accepted
 MAX_CHANGES = 10
 HALF_T_FREEDOM = 2.0  # degrees of freedom of the prior of s, as for the population's sds
@@ -44,7 +44,7 @@ NEIGHBOURS = 4  # runs before, and after; a run that is far from both medians ma
 MAD_FACTOR = 2.0  # sd of normal runs over the median of their distances from the nearer neighbours
 FOREIGN = 0.03  # prior probability that a run is foreign
 FOREIGN_SD = 0.2  # prior sd of a foreign run about the level, in logs
-SUBSETS_OF = 3  # any of this many farthest runs may be foreign; of more, only the k farthest
+SUBSETS_OF = 3  # subsets of this many farthest runs may be foreign; larger sets are the k farthest
 MOST_FOREIGN = 0.3  # largest share of runs that may be foreign
 NEGLIGIBLE = (
     1e-2  # probability, over that of the likeliest, of a set of foreign runs that is dropped

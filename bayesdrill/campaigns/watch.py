@@ -1,4 +1,4 @@
-"""Take up new runs of a campaign as their files come, and raise each alarm once."""
+"""Add new runs to a campaign as their files arrive, and raise each alarm once."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SETTLED = 2.0  # seconds without a change, after which a file counts as written
 def watch(
     path: Path, output: Path, crew: RefitExecutor, report: Reporter, interval: float, *, once: bool
 ) -> Iterator[str]:
-    """Yield new alarms as lines of JSON; `output` is made anew whenever files have come or changed.
+    """Yield new alarms as lines of JSON; `output` is updated whenever files arrive or change.
 
     Raises `InputError` at once if the output cannot be written.
     """
@@ -42,7 +42,7 @@ def watch(
             alarms = tuple[Alarm, ...]()
             try:
                 alarms = run_campaign(plan, output, how, crew, report, known).record.alarms
-            except InputError as error:  # too few runs are good by now
+            except InputError as error:  # too few runs are good so far
                 if once:
                     raise
                 report.say(str(error))

@@ -29,7 +29,7 @@ class Canvas:
         self.axes.set_axis_off()
 
     def write(self, x: float, y: float, words: str, **look: Any) -> None:
-        """Write words around a place, or as their `look` says."""
+        """Write words centred at a place, unless their `look` aligns them."""
         self.axes.text(x, y, words, **({"ha": "center", "va": "center"} | look))
 
     def box(self, x: float, y: float, wide: float, high: float, **look: Any) -> None:
@@ -62,7 +62,7 @@ class Canvas:
         self.axes.add_patch(line)
 
     def ground(self, x: float, y: float) -> None:
-        """Draw what fixes to the ground: a line and strokes below it."""
+        """Draw the symbol of the ground: a line and strokes below it."""
         self.wire((x - 0.11, y), (x + 0.11, y))
         for start in np.linspace(-0.11, 0.055, 4):
             self.wire((x + start, y - 0.055), (x + start + 0.055, y))

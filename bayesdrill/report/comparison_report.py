@@ -42,17 +42,17 @@ CORNER = "The posteriors of all runs over each other, for each unknown and each 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """The form of a comparison says which files it has, and how many runs have room in it.
+    """The form of a comparison has the names of its files, and the largest number of runs.
 
-    `name`: of table, page and the inside of figures; `figure`: what is shown unasked.
+    `name` is that of table, page and metadata of figures, and `figure` is shown by default.
     """
 
     name: str
     kind: Kind
     figure: str
     most: int
-    purpose: str  # of runs, in messages
-    between: str  # names of runs, in a heading
+    purpose: str  # what is done with the runs, in messages
+    between: str  # separates names of runs in a heading
     prefix: str = ""  # of the folder
 
 
@@ -79,7 +79,7 @@ COMPARED = Form(
 class ComparisonReport:
     """The report shows two or more runs, `layers`, which are `models` if they are of one record.
 
-    `units`: in which people are shown unknowns; `heading`: of pages.
+    Unknowns are shown in `units`, and `heading` is that of pages.
     """
 
     layers: tuple[PosteriorSummary, ...]
@@ -126,7 +126,7 @@ class ComparisonReport:
     def reasons(self) -> tuple[str, ...]:
         """Return reasons not to believe the report, or none.
 
-        Because of the most probable model or, where there is none, of any run.
+        They are those of the most probable model or, without models, of any run.
         """
         layers = self.layers if self.best is None else (self.best.layer,)
         return tuple(f"{layer.name}: {reason}" for layer in layers for reason in layer.reasons)
@@ -198,7 +198,7 @@ def ladder_opening(models: Mapping[str, str], missing: int) -> str:
 
 
 def ladder_conclusion(about: str, left_out: Mapping[str, str], config: Path) -> str:
-    """Say what was not tried, and what to go on with."""
+    """Describe what was not tried, and the config to continue with."""
     missing = [f"left out: {name}: {reason}" for name, reason in left_out.items()]
     return "\n".join([*missing, f"recommended: {about}: {config}"])
 

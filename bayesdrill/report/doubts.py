@@ -54,7 +54,7 @@ MAX_SHARE = 10.0  # relative to a channel's spread: larger residuals occur only 
 
 
 def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str:
-    """Say how much is left, and how it differs from noise, with times in the unit of `clock`."""
+    """Describe the size of residuals and how they differ from noise, with times in the unit `clock`."""
     still = [summary for summary in summaries if summary.share > MAX_SHARE]
     shared = [summary for summary in summaries if summary.share <= MAX_SHARE]
     seen = ", ".join(f"{percent(summary.share)} of {summary.name}" for summary in shared)
@@ -64,8 +64,8 @@ def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str
         "column the right one?"
         for summary in still
     ]
-    # Where noise remembers, or a torque is missing; elsewhere both are what was said above.
-    # NRMSE fits, the complements of what is left: below zero where a mean would do better.
+    # Only correlated noise or a missing torque makes both differ from the shares above.  They are
+    # NRMSE fits, one minus the unexplained share, which are negative if a mean would fit better.
     each = ", ".join(
         f"{summary.name} {100 * (1 - summary.simulated):.4g} % and {100 * (1 - summary.ahead):.4g} %"
         for summary in shared

@@ -28,7 +28,7 @@ MISSED = (
     "coverage: about {{percent:.2g}} % of the posterior lies where the proposal hardly ever leads, "
     "so {}; narrow the priors that span decades"
 )
-NEIGHBOURS = "a sample that is left out is told by those beside it"
+NEIGHBOURS = "neighbours predict a sample that is left out"
 # By kind of finding; `_phrases` makes the phrases that depend on whether something is known.
 SENTENCES: Mapping[str, str] = {
     "unlikely nominal value": (
@@ -51,7 +51,7 @@ SENTENCES: Mapping[str, str] = {
     ),
     "servo that saturates": (
         "servo: {motor} saturates in {percent:.3g} % of the record, at a duty cycle of {duty:.3g} "
-        "({limit}). Only there the record shows {limit}, and there it shows nothing of the loop"
+        "({limit}). Only these samples show {limit}, and they show nothing of the loop"
     ),
     "servo beyond its supply": (
         "servo: {motor} would need more than its whole supply in {percent:.3g} % of the record. Name "
@@ -101,8 +101,8 @@ SENTENCES: Mapping[str, str] = {
     ),
     "overflow": (
         "overflow: {channel} jumps by about {period:.6g}, {range}, {often}, first at "
-        "{first:.6g} s; a counter that ran over? Say wraps: {period:.6g} at {channel}, or unwrap the "
-        "column: np.unwrap(x, period={period:.6g})"
+        "{first:.6g} s; a counter that overflowed? Write wraps: {period:.6g} at {channel}, or unwrap "
+        "the column: np.unwrap(x, period={period:.6g})"
     ),
     "delay and time constant": (
         "timing: {delay_name} and a time constant stand for each other (correlation {correlation:.3f}): "
@@ -139,8 +139,8 @@ SENTENCES: Mapping[str, str] = {
         "`measures:`"
     ),
     "one direction": (
-        "one direction: {channel} never turns back, so {offset} cannot be told from {frictions}. Record "
-        "the other direction too, or hold one of them"
+        "one direction: {channel} never turns back, so {offset} cannot be distinguished from "
+        "{frictions}. Record the other direction too, or hold one of them"
     ),
     "anomaly": "{text}",
     "differentiated angle": (
@@ -163,7 +163,7 @@ SENTENCES: Mapping[str, str] = {
         "{counted} far from where the posterior is: log density {density:.1f}, the others' {others:.1f} "
         "("
         + AT_WALKER
-        + "). This is a lesser maximum, or the chain is still on its way. Start over with another seed, "
+        + "). This is a lower maximum, or the chain is still on its way. Start over with another seed, "
         "or let an end of the prior exclude this place"
     ),
     "two groups of walkers": (
@@ -214,9 +214,9 @@ SENTENCES: Mapping[str, str] = {
     "some missed": MISSED.format("the ends of intervals are rough"),
     "much missed": MISSED.format("all numbers are rough"),
     "too many samples to leave out": "more than {most:.0f} samples",
-    "noise with memory": f"its noise remembers: {NEIGHBOURS}",
+    "noise with memory": f"its noise is correlated: {NEIGHBOURS}",
     "residuals with memory": (
-        "what it leaves is not white (correlation of neighbours {correlation:.2f} in {channel}): "
+        "its residuals are not white (correlation of neighbours {correlation:.2f} in {channel}): "
         f"{NEIGHBOURS}"
     ),
     "nothing sampled": "nothing could be sampled: {why}",

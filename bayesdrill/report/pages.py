@@ -27,11 +27,11 @@ def build_page(
     first: float = 0,
     last: float = 0,
 ) -> tuple[Figure, list[Axes]]:
-    """Build a figure and its `n` panels, row by row; matplotlib keeps all that is written apart.
+    """Build a figure and its `n` panels, row by row; matplotlib keeps texts apart.
 
-    `row`: the height of a row with its numbers, inches; `narrow`: how many columns a figure has that
-    is no wider than one of text; `first` and `last`: heights of a panel as wide as the page, above or
-    below the others, which then is the first or the last of the list.
+    `row` is the height of a row with its numbers, in inches, and `narrow` the number of columns in a
+    figure of one column of text.  With a height `first` or `last`, the first or the last panel is as
+    wide as the page.
     """
     from matplotlib.figure import Figure
 
@@ -83,9 +83,9 @@ LEGEND = style.fix_look(
 
 
 def legend_above(figure: Figure, looks: Mapping[str, style.Look], **options: Any) -> Figure:
-    """Put a legend above all panels, in as few rows as the page is wide enough for, and make room.
+    """Put a legend above all panels in as few rows as possible, and make room; return the figure.
 
-    `looks`: of its entries, by their labels.  Returns the figure.
+    `looks` has the styles of the entries by their labels.
     """
     handles = style.legend_handles(looks)
     for rows in range(1, len(handles) + 1):
@@ -100,12 +100,12 @@ def legend_above(figure: Figure, looks: Mapping[str, style.Look], **options: Any
 
 
 def departures(band: RankBand, ranks: Counts) -> Array:
-    """Return the lower and upper edge of a band and what `ranks` are, less uniform: `(3, L + 2)`."""
+    """Return both edges of a band and the distribution of `ranks`, minus uniform: `(3, L + 2)`."""
     counts = np.stack([band.low, band.high, band.counts(ranks)])
     return np.pad(counts / max(band.n, 1) - band.shares, ((0, 0), (1, 1)))
 
 
-# of the largest difference: the ends of a panel, which has its name above
+# Ends of a panel, which has its name at the top, over the largest difference.
 HEAD_ROOM, FOOT_ROOM = 1.7, 1.12
 
 
@@ -118,7 +118,7 @@ def ranks_panel(
     numbers: int = 5,
     look: style.Look = style.CHANCE,
 ) -> None:
-    """Draw `away` of `departures` from a band, up to `most`; `wrong`: words for what leaves it."""
+    """Draw `departures` away from a band, up to `most`; `wrong` is the label of those outside."""
     places, (low, high, ranks) = np.pad(band.shares, 1, constant_values=(0, 1)), away
     difference_panel(panel, places, (low, high), most, numbers, look)
     panel.plot(places, ranks, zorder=2, **(style.OUTSIDE if wrong else style.BLACK_LINE))
@@ -147,7 +147,7 @@ Ends = tuple[float, float]
 LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %
 BINS = 52  # bins across the draws of one unknown, with a margin for the smoothing
 CENTRAL_SHARE = 0.999  # share of the draws inside an axis
-# correlation from which on bins are sheared, and reflect at ends no more
+# correlation from which on bins are sheared, without reflection at ends
 MIN_SHEARED_CORRELATION = 0.9
 BANDWIDTH_FACTOR = 1.3  # relative to Scott's rule, which suits normal distributions but not boxes
 # sds of its noise that a density falls across a bandwidth at a contour; 0.8 of noise alone
@@ -165,10 +165,10 @@ def contours(
 ) -> None:
     """Draw filled contours by `corner`, of a smoothed density that is reflected at priors' ends.
 
-    Where the two are nearly one line, bins are sheared along the regression of y on x: upright ones
+    If the draws are nearly on a line, bins are sheared along the regression of y on x: upright ones
     would show a ridge as wide as the bins.  A contour that noise alone would draw, because the
-    density is flat there, is left out.  `xy`: draws `(N,)` each; `ends`: of their priors; `fine`:
-    of lines; `lines`: how contours look that are not filled.
+    density is flat there, is left out.  `xy` are draws `(N,)` of both, `ends` those of their priors,
+    `fine` scales lines, and `lines` is the style of contours that are not filled.
     """
     import corner
     from matplotlib.transforms import Affine2D
@@ -240,7 +240,7 @@ def _resolved_levels(counts: Array, smooth: Sequence[float]) -> tuple[float, ...
 
 
 def central(x: Array, ends: Ends | None = None) -> Ends:
-    """Return where nearly all draws are, and more than the smoothing reaches, but inside `ends`."""
+    """Return a range of nearly all draws, with a margin for the smoothing, inside `ends`."""
     low, high = np.quantile(x, [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2])
     margin = 0.15 * float(high - low) or 1e-9
     first, last = ends or (-math.inf, math.inf)

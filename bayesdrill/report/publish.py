@@ -30,7 +30,7 @@ from bayesdrill.sampling.workers import WorkerPool
 def drawings(name: str, run: ReportContext) -> dict[str, Drawing]:
     """Return a figure of this run, or one for each experiment, by the stems of the files.
 
-    Raises `TypeError` for a recipe that is none.
+    Raises `TypeError` if a recipe returns no drawing.
     """
     given = FIGURES[name](run)
     figures = given if isinstance(given, tuple) else () if given is None else (given,)
@@ -47,13 +47,13 @@ FIGURES: Registry[Recipe] = Registry(
 
 
 def wanted_figures(wanted: Collection[str] | None) -> list[str]:
-    """Return names of the figures that a config asks for; None: all but those on request."""
+    """Return names of the figures that a config asks for; None stands for all but those on request."""
     if wanted is None:
         return [name for name in FIGURES if name not in ON_REQUEST]
     return [name for name in FIGURES if name in wanted]
 
 
-# What follows from a chain alone; None where a run has no such table.
+# Tables that follow from a chain alone; None if a run has no such table.
 TABLES = MappingProxyType({name: text for part in PARTS for name, text in part.files.items()})
 _SEVERAL = tuple(f"{stem}_{k}" for stem in PER_EXPERIMENT for k in range(1, MAX_NAMED + 1))
 
@@ -61,12 +61,12 @@ _SEVERAL = tuple(f"{stem}_{k}" for stem in PER_EXPERIMENT for k in range(1, MAX_
 def write_results(
     view: ReportContext, folder: Folder, pool: WorkerPool, report: Reporter, *, pdf: bool = False
 ) -> tuple[str, ...]:
-    """Write all files of a run, and return what could not be made, and why.
+    """Write all files of a run; return the names of those that could not be made, with reasons.
 
-    `pdf`: every figure as PDF too.  Raises `OSError` when the disk is full; files already there stay
+    With `pdf`, every figure is a PDF too.  Raises `OSError` if the disk is full; existing files stay
     whole.
     """
-    output, sparing = view.config.output, ErrorCollector()  # of this writing
+    output, errors = view.config.output, ErrorCollector()
     figures = folder.path / FOLDER
     figures.mkdir(exist_ok=True)
     wanted = wanted_figures(output.figures)
@@ -79,18 +79,18 @@ def write_results(
     )
     of_draws = {name: formats[name] for name in wanted if name in output_files.FROM_DRAWS}
     others = {name: formats[name] for name in wanted if name not in of_draws}
-    tasks = _begin_figures(of_draws, view, figures, pool, report, sparing)
+    tasks = _begin_figures(of_draws, view, figures, pool, report, errors)
     report.update(0.0, "looking at what the draws say")
     _ = view.analysis  # evaluate the analysis while other processes draw
     report.update(0.0, "making tables and figures")
-    tasks |= _begin_figures(others, view, figures, pool, report, sparing)
+    tasks |= _begin_figures(others, view, figures, pool, report, errors)
     report.update(0.5, "tables")
     for name, table in TABLES.items():
-        with sparing.making(name):
+        with errors.making(name):
             text = table(view)
             if text is not None:
                 folder.write_text(name, text)
-    with sparing.making("posterior.nc"):
+    with errors.making("posterior.nc"):
         image = io.BytesIO()
         view.tree.to_netcdf(image, engine="h5netcdf")
         output_files.write(folder.path_of("posterior.nc"), image.getvalue())
@@ -98,23 +98,23 @@ def write_results(
     pictures: dict[str, list[Picture]] = {name: [] for name in wanted}
     for k, (name, stem, says, task) in enumerate(every):
         report.update(0.6 + 0.4 * k / len(every), f"figure {stem}")
-        with sparing.making(f"figures/{stem}"):
+        with errors.making(f"figures/{stem}"):
             task.result()
             pictures[name].append(
                 Picture(stem, says or stem, output_files.preferred_format(formats[name]))
             )
-    with sparing.making("summary.md and report.html"):
+    with errors.making("summary.md and report.html"):
         said = sections(view, pictures)
-        with sparing.making("summary.md"):
+        with errors.making("summary.md"):
             folder.write_text("summary.md", as_markdown(view.config.name, said))
-        with sparing.making("report.html"):
+        with errors.making("report.html"):
             made_of = run_report.provenance_section(view, folder.path)
             page = (*said, made_of, run_report.cite())
             text = render.as_html(
                 view.config.name, "posterior", page, figures, view.problem.symbols
             )
             folder.write_text("report.html", text)
-    return (*view.chain.errors.missing, *sparing.missing)
+    return (*view.chain.errors.missing, *errors.missing)
 
 
 def _begin_figures(
@@ -123,14 +123,14 @@ def _begin_figures(
     folder: Path,
     pool: WorkerPool,
     report: Reporter,
-    sparing: ErrorCollector,
+    errors: ErrorCollector,
 ) -> dict[str, list[tuple[str, str, Future[None]]]]:
     output = view.config.output
     tasks: dict[str, list[tuple[str, str, Future[None]]]] = {name: [] for name in names}
     note = {"Title": view.config.name, "Creator": software.creator(), **view.marks}
     for k, (name, formats) in enumerate(names.items(), 1):
         report.update(0.5 * k / len(names), f"figure {name}")
-        with sparing.making(f"figures/{name}"):
+        with errors.making(f"figures/{name}"):
             for stem, drawing in drawings(name, view).items():
                 look = (note, view.warning, formats, output.dpi)
                 task = pool.submit(draw, stem, drawing, folder, *look)

@@ -47,8 +47,8 @@ def as_html(
 ) -> str:
     """Render sections as a page of HTML.
 
-    `what`: the kind of report; `figures`: where the PNG or SVG of pictures are; those without
-    either are left out; `parent`: title and address of the page to which the header links back.
+    `what` is the kind of report.  Pictures without a PNG or SVG in the folder `figures` are left out.
+    `parent` has title and address of the page to which the header links back.
     """
     import jinja2  # late: only pages need templates
 
@@ -111,11 +111,11 @@ def _embedded(path: Path) -> EmbeddedPicture | None:
 
 
 def after(text: str, known: str) -> str:
-    """Return what stands after a word that the title has said already."""
+    """Return a text without its beginning `known`, which the title has already."""
     remainder = text.removeprefix(known)
     return text if remainder == text else remainder[:1].upper() + remainder[1:]
 
 
 def slug(text: str) -> str:
-    """Return a name for a place in the page."""
+    """Return the name of an anchor in the page."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")

@@ -50,15 +50,15 @@ class _Part:
     name: str
     above: tuple[str, ...] = ()
     below: tuple[str, ...] = ()
-    pushed: bool = False  # by an input that the lines nearest to it name
-    driven: bool = False  # by one without which the rig would stand still
+    pushed: bool = False  # by an input, whose name is in the nearest lines
+    driven: bool = False  # by an input that drives the rig
     held: bool = False
     circuit: MotorRoles | None = None  # of a voltage or a servo, drawn above it
 
 
 @dataclass(slots=True)
 class _Row:
-    """The row holds parts from left to right; it begins behind a part of a row above, or nowhere."""
+    """The row holds parts from left to right; it may begin behind a part of a row above."""
 
     behind: str | None
     parts: list[str]
@@ -67,7 +67,7 @@ class _Row:
 
 
 def rig_figure(rig: Model, channels: Collection[str] = ()) -> Figure:
-    """Draw any rig; with `channels` it is noted which states are measured."""
+    """Draw any rig; with `channels`, a note says which states are measured."""
     with style.styled():
         return _RigDrawing(rig).draw(channels)
 
@@ -110,7 +110,7 @@ class _RigDrawing:
         self.at: dict[str, Point] = {}
 
     def draw(self, channels: Collection[str]) -> Figure:
-        """Lay all out, and draw it on a page that is as large as that."""
+        """Lay out all parts, and draw them on a page of their size."""
         rows = self._rows()
         shown = [link for links in self.between.values() for link in links]
         notes = [
@@ -229,7 +229,7 @@ class _RigDrawing:
         return list(dict.fromkeys(b if a == name else a for a, b in ends))
 
     def _longest(self, start: str, free: set[str]) -> list[str]:
-        """Return the longest way from a part over others that are free, each by its shortest way."""
+        """Return the longest of the shortest paths from a part to others that are free."""
         ways = {start: [start]}
         for name in (pending := [start]):
             for other in self._neighbours(name):
@@ -239,7 +239,7 @@ class _RigDrawing:
         return max(ways.values(), key=len)
 
     def _branch(self, behind: str | None, path: list[str], free: set[str]) -> list[_Row]:
-        """Return the row of a path, and rows of what branches off, that from its end first."""
+        """Return the row of a path, then the rows of its branches, from its end backwards."""
         for name, other in pairwise([*([behind] if behind else []), *path]):
             self.between[other] = [link for link in self.links if {*link.ends} == {name, other}]
         free -= {*path}
@@ -438,7 +438,7 @@ def _spring(sheet: Canvas, left: float, right: float, y: float, *, damped: bool)
 
 
 def _wheels(sheet: Canvas, times: float, left: float, right: float, y: float) -> None:
-    """Draw two wheels that mesh, the first `times` as large as the other, as far as can be seen."""
+    """Draw two meshing wheels, the first `times` as large as the other within visible limits."""
     times = float(np.clip(times, 1 / 3, 3.0))
     first, middle = 0.26 * times / (1 + times), (left + right) / 2
     second = 0.26 - first

@@ -85,7 +85,7 @@ class Badges:
 class Link:
     """The link is a point of a picture, at fractions of its width and height from the upper left.
 
-    `says` is shown above it; without a `url` that is all.
+    `says` is shown above it; it leads to `url`, if there is one.
     """
 
     x: float

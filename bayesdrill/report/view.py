@@ -1,4 +1,4 @@
-"""Collect what tables and figures show of a finished run; each part is made when first asked for."""
+"""Collect the contents of tables and figures of a finished run, each computed at its first use."""
 
 from __future__ import annotations
 
@@ -81,8 +81,8 @@ def for_each_experiment(
 class ReportContext(Value):
     """The context is a finished run, as tables and figures need it.
 
-    `chain` has its draws. `analyse` evaluates its analysis, when that is first asked for. `seconds`
-    says how long its parts took, if that is known.
+    `chain` has its draws. `analyse` evaluates its analysis at the first use. `seconds` are the
+    times that its parts took, if known.
     """
 
     chain: RunDraws
@@ -164,7 +164,7 @@ class ReportContext(Value):
         return self.problem.units
 
     def shown(self, names: Sequence[str] | None = None) -> DisplayedUnknowns:
-        """Return what figures show of the unknowns of these names, or of all if none is among them."""
+        """Return the displayed unknowns with these names, or all if there is none."""
         problem, display_units = self.problem, self.units
         columns = range(len(problem.symbols))
         selected = [k for k in columns if problem.names[k] in (names or ())] or columns

@@ -36,7 +36,7 @@ MOST_NAMED = 20  # most refits that are named as not converged
 
 
 def calibration_opening(problem: Problem, config: Config) -> str:
-    """Say what a calibration repeats, and how often."""
+    """Describe what a calibration repeats, and how often."""
     records = " and one of ".join(
         f"{len(observation.experiment.t)} samples of {', '.join(observation.experiment.names)}"
         for observation in problem.observations
@@ -54,9 +54,7 @@ def describe_calibration(verdict: CalibrationVerdict) -> str:
         return f"not calibrated: {'; '.join(finding_sentences(verdict.faults))}"
     if verdict.doubts:
         return f"no verdict: {'; '.join(finding_sentences(verdict.doubts))}"
-    return (
-        f"calibrated: over {verdict.refits} refits the truth ranks among the draws as chance has it"
-    )
+    return f"calibrated: over {verdict.refits} refits the truth ranks among the draws as by chance"
 
 
 def calibration_rule(verdict: CalibrationVerdict) -> str:
@@ -85,7 +83,7 @@ def describe_refits(verdict: CalibrationVerdict, every: Sequence[Refit]) -> str:
 def calibration_sections(
     judged: CalibrationVerdict, every: Sequence[Refit], ending: str
 ) -> tuple[Section, ...]:
-    """Build the sections, the verdict first; `ending`: of the file of the figure that a page shows."""
+    """Build the sections, the verdict first; a page shows the figure with this `ending`."""
     says = describe_calibration(judged)
     tone: Tone = "bad" if judged.faults else "doubt" if judged.doubts else "good"
     marks = Badges((Badge(says.split(":")[0], tone),))

@@ -70,7 +70,7 @@ def design_table(design: ExperimentDesign) -> str:
 
 
 def target_sentences(design: ExperimentDesign) -> str:
-    """Return a sentence for each target, and what would help where no waveform does."""
+    """Return a sentence for each target, and remedies if no waveform shows it."""
     lines: list[str] = []
     for target in design.targets:
         lines += [_sentence(target)]
@@ -81,7 +81,9 @@ def target_sentences(design: ExperimentDesign) -> str:
 def _sentence(target: TargetOutlook) -> str:
     if target.hidden_by:
         scaled = "; ".join(", ".join(names) for names in target.hidden_by)
-        return f"{target.name}: no waveform shows it, as none tells a common factor of {scaled}"
+        return (
+            f"{target.name}: no waveform shows it, as no channel shows a common factor of {scaled}"
+        )
     sds = target.usual_sds
     best = min(sds, key=lambda name: sds[name])
     ratio = sds[best] / target.designed

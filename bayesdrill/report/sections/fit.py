@@ -39,9 +39,9 @@ from bayesdrill.report.view import Drawing, ReportContext, ReportPart, for_each_
 class Signal:
     """The channel has measured (or NaN) and modelled values `(T,)`.
 
-    `predictive (N, T)`: with noise, None where there are no draws; `sigma`: of the noise; `share`: what
-    the model leaves, of the channel's spread; NaN where it has none.  `dots`: which samples are drawn
-    one by one, spaced evenly over the record.
+    `predictive (N, T)` are draws with noise, if any, and `sigma` is that of the noise.  `share` is
+    the unexplained share of the channel's spread, NaN if it is constant.  `dots` are indices of
+    samples that are drawn, evenly spaced.
     """
 
     label: Symbol
@@ -57,7 +57,7 @@ class Signal:
 class Course:
     """The course is a measured input or a friction `(T,)`, `straight` between samples or held.
 
-    Of a friction at the MAP, `band (2, T)`: of draws; it `sticks` between these times.
+    A friction at the MAP has a `band (2, T)` of draws, and `sticks` between these times.
     """
 
     label: Symbol
@@ -71,8 +71,8 @@ class Course:
 class Fit:
     """The fit is that of an experiment at times `t (T,)`, each part in the unit of its label.
 
-    `constant`: inputs that do not change; `rubs`: frictions; `label`: of the experiment, where there
-    are several.
+    `constant` are inputs that do not change, and `rubs` frictions.  `label` is that of one of
+    several experiments.
     """
 
     t: Array
@@ -93,8 +93,8 @@ def every_fit(
 ) -> Iterator[Fit]:
     """Yield the fit of each experiment, at the MAP `(D,)` with its residuals.
 
-    `predictive`: `(..., T)` of each channel, SI, by the name that it has among all; `rubbing`: of each
-    experiment, or nothing.
+    `predictive` has draws `(..., T)` of each channel, SI, by its name among all experiments.
+    `rubbing` has the frictions of each experiment, or is empty.
     """
     clock, full = problem.clock, problem.posterior.space.full(best[None])
     each, predicted = rubbing or [()] * len(problem.observations), predictive or {}
@@ -109,7 +109,7 @@ def every_fit(
             if name in experiment.series:
                 values = experiment.series[name][shown] / unit.factor
                 courses.append(Course(label=label, values=values, straight=experiment.first_order))
-            elif name not in loads or experiment.constant[name]:  # no load need not be said
+            elif name not in loads or experiment.constant[name]:  # a load of zero is not shown
                 constant.append((label, experiment.constant[name] / unit.factor))
         sigmas, signals = observation.scales(best[None])[0], []
         shares = {row.channel: row.share for row in left if row.experiment == observation.label}
@@ -149,7 +149,7 @@ def every_fit(
 
 
 DOTS = 3000  # most measured samples that are drawn in a panel
-SHOWN_STRETCHES = 20_000  # stretches of a long record, of which a figure is given both extremes
+SHOWN_STRETCHES = 20_000  # stretches of a long record; a figure has the extremes of each
 
 
 def _shown_samples(observation: Observation, models: Array, efforts: Sequence[Array]) -> Indices:
@@ -222,8 +222,8 @@ def _prediction(observation: Observation, full: Array) -> str:
     return text.getvalue()
 
 
-# Heights in inches, each with its numbers: of inputs or frictions, of signals, and of the residuals
-# below these where a figure is as wide as one column of text.
+# Heights of panels with their numbers in inches: of inputs or frictions, of signals and, in a figure
+# of one column of text, of the residuals below them.
 WIDE_HEIGHTS, NARROW_HEIGHTS = (0.85, 1.55), (0.65, 1.05, 0.65)
 SHARES = (0.6, 0.4)  # shares of the width, for signals and for residuals
 
@@ -231,7 +231,7 @@ SHARES = (0.6, 0.4)  # shares of the width, for signals and for residuals
 def build_fit_page(fit: Fit, width: float) -> tuple[Figure, list[Axes], list[tuple[Axes, Axes]]]:
     """Build a page for a fit; times are written at the foot of each column only.
 
-    Panels of inputs and frictions; of each channel those of its signals and of its residuals.
+    Returns panels of inputs and frictions, and a pair for the signals and residuals of each channel.
     """
     from matplotlib.figure import Figure
 

@@ -56,7 +56,7 @@ def speed_symbol(state: str, inertia: InertiaRoles | None, model: Model) -> Symb
 class LawShown:
     """The law is a friction over speeds `(G,)` at the MAP, with its band over draws `(2, G)`.
 
-    Also by nominal values, where all that is unknown of it has one; `seen (T,)`: speeds of the record.
+    It is also given by nominal values, if all its unknowns have one.  `seen (T,)` are recorded speeds.
     """
 
     speed: Symbol

@@ -35,7 +35,7 @@ SHAPES = {
     "flat": "any value of its prior fits as well: the record does not determine it",
     "at the bound": "the best fit lies at the end of its prior",
 }
-# Of a parameter without a trace of its own: beyond such a limit the others would leave their priors.
+# Limits of a parameter without a trace of its own: beyond them, others would leave their priors.
 THROUGH_OTHERS = "by the ends of the others' priors; the record alone does not determine it"
 
 
@@ -47,7 +47,7 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
 
 
 def describe_study_point(point: StudyPoint, problem: Problem) -> str:
-    """Return why a record is not studied at the start; empty where the rig moves there."""
+    """Return why a record is not studied at the start; empty if the rig moves there."""
     if not point.still:
         return ""
     named = zip(problem.names, point.theta.tolist(), strict=True)
@@ -64,7 +64,7 @@ def describe_study_point(point: StudyPoint, problem: Problem) -> str:
 
 
 def describe_study(study: IdentifiabilityStudy, rig: Model, reasons: Sequence[str] = ()) -> str:
-    """Describe all that `identify` prints; `reasons`: why the fit at the point must not be believed."""
+    """Describe all that `identify` prints; `reasons` say why not to believe the fit at the point."""
     parts = [unbelievable(reasons, converged=False), structure(study), dependence_sentences(study)]
     parts += [] if reasons else [knowledge(study), nuisances(study)]
     parts += [friction_sentences(study.frictions, rig)]
@@ -103,8 +103,8 @@ def _symmetries(study: IdentifiabilityStudy) -> list[str]:
         names = [structure.names[k] for k in blind] or structure.names
         lines.append(
             f"{_count(structure.unexplained, 'change', 'changes')} of several of "
-            f"{listed(names)} at once, by no common factor, "
-            f"{'leaves' if structure.unexplained == 1 else 'leave'} every signal as it is"
+            f"{listed(names)} at once, without a common factor, "
+            f"{'leaves' if structure.unexplained == 1 else 'leave'} every signal unchanged"
         )
     return lines
 
@@ -206,7 +206,7 @@ def remedies(study: IdentifiabilityStudy) -> str:
 
 
 def open_products(study: IdentifiabilityStudy, thresholds: IdentifySpec) -> list[Exponents]:
-    """Return products, chosen as those of a verdict are, that a record is expected to leave open."""
+    """Return products, selected as in a verdict, that a record is expected to leave open."""
     prior_sd = np.array([known.prior_sd for known in study.parameters])
     expected = study.information.with_priors(prior_sd)
 
@@ -286,7 +286,7 @@ def describe_profiles(
 
 
 def _row(study: IdentifiabilityStudy, known: KnownProduct) -> tuple[str, ...]:
-    # Narrowed without a trace of its own: ratios are known, and the others have priors.
+    # It has no trace of its own, but ratios are known, and the other unknowns have priors.
     shared = math.isinf(known.bound) and known.word != "left to the prior"
     return (
         f"  {product(study.names, known.exponents)}",
@@ -377,7 +377,7 @@ def _edge(values: np.ndarray, loss: np.ndarray, end: int) -> float:
 
 
 BAR, NARROW_BAR = 0.27, 0.42  # inches; in one column of a page labels stand above their bars
-LEAST_EXPONENT = 0.15  # smaller ones are left out of a label
+LEAST_EXPONENT = 0.15  # smaller exponents are left out of a label
 BEYOND = 30.0  # how far the axis reaches past the largest finite sd
 
 

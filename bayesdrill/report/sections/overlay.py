@@ -119,7 +119,7 @@ def what_differs(
     spaces = [layer.problem.posterior.space for layer in layers]
     unknown = {name for s in spaces for name in (*s.free, *s.fixed, *s.relations)}
     believed = [name for name in differs if name in unknown]
-    # All channels, and the noise of all of them, in one word.
+    # One word stands for all channels, and one for all noises.
     kinds = {"the channel ": "the channels", "the noise of ": "the noise"}
     others = dict.fromkeys(
         next((kind for start, kind in kinds.items() if name.startswith(start)), name)
@@ -181,7 +181,7 @@ def run_looks(layers: Sequence[PosteriorSummary], *, marked: bool = False) -> di
 CENTRAL_SHARE = 0.998  # share of the draws of each run inside an axis
 CORNER_REACH = 0.5  # the axis grows by this share of its width at most to show the nominal value
 BINS = 40  # bins across an axis
-MIN_FILLED_SHARE = 0.02  # of an axis that a run fills less of, its histogram would be a spike
+MIN_FILLED_SHARE = 0.02  # share of an axis below which a histogram would be a spike
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +199,7 @@ def overlay_corner_figure(
 ) -> Figure:
     """Draw a corner of the unknowns that two runs or more have, `rows` in SI.
 
-    A run is left out of panels of what it has not.
+    A run is left out of panels of unknowns that it does not have.
     """
     columns = [_column(row, layers, display_units) for row in rows if row.shared]
     with style.styled():
@@ -319,7 +319,7 @@ def draw_intervals(
     *,
     arrow: bool = True,
 ) -> None:
-    """Draw the interval of each run, the first of the `order` on top; `arrow`: to nominal values."""
+    """Draw the interval of each run, the first of the `order` on top; an `arrow` shows far values."""
     style.mark_values(panel, scale, row.agreed, arrow=arrow, zorder=1)
     for y, run, look in zip(range(len(order) - 1, -1, -1), order, looks, strict=False):
         estimate, nominal = row.places[run], row.nominal[run]

@@ -45,7 +45,7 @@ from bayesdrill.report.style import Axes, Figure
 from bayesdrill.report.view import Drawing, ReportContext, ReportPart
 from bayesdrill.sampling.mode_search import Mode
 
-# Of a table of unknowns, the heads of all columns, and what each shows of a row.
+# The heads of all columns of a table of unknowns, and the text of a row in each.
 COLUMNS: Mapping[str, Callable[[ParameterRow], str]] = {
     "": lambda row: row.name,
     "unit": lambda row: plain(row.unit),
@@ -172,7 +172,7 @@ DECADES = 1.5  # decades above which a log-uniform range has a logarithmic axis
 
 
 def interval_bar(row: ParameterRow, prior: Prior) -> IntervalBar:
-    """Return what a page draws of an unknown beside its prior."""
+    """Return the bar that a page draws for an unknown beside its prior."""
     shown = [row.hdi_low, row.hdi_high, row.map]
     ends = [float(x) for x in prior.quantile(np.array([TAIL, 1 - TAIL]))]
     every = [*shown, *ends, *([] if row.nominal is None else [row.nominal])]
@@ -203,7 +203,7 @@ def latex_table(
 ) -> str:
     """Return a `tabular` for a table of one's own, with two digits of each sd.
 
-    Without what the record says, where that must not be `believed`.
+    The judgements of the record are left out if they must not be `believed`.
     """
     named = {symbol.name: symbol for symbol in symbols}
     shown = [True] * len(_HEADS)
@@ -290,7 +290,7 @@ def _densities(panel: Axes, scale: scales.Scale, x: Array, prior: Prior) -> None
     density = scale.density(prior, places)
     panel.plot(places, density, zorder=3, **DARK_PRIOR)
     sure = density[np.isfinite(density)]
-    # A density may grow without bound towards zero; the panel ends at what nearly all of it is below.
+    # A density may be infinite at zero, so the panel ends above nearly all of it.
     top = max(float(heights.max()), float(np.quantile(sure, 0.99)))
     panel.set_ylim(0, HEAD * top)
 
@@ -322,7 +322,7 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
     table = believed_columns(run, of_rows(run.units.rows(unknowns), bars))
     depending = describe_dependence(run.analysis.leaning).splitlines()
     known = [] if run.reasons else [*in_words(unknowns), *depending]
-    # Also where there is nothing to say: a terminal then shows an empty line.
+    # An empty section gives an empty line on a terminal.
     blocks: list[Block] = [table, Note(read), Sentences("\n".join([*known, *run.notes]))]
     if sds := run.analysis.sandwich:
         windows = causes.windows if causes else ()
@@ -354,7 +354,7 @@ def strongest_pair(draws: Array, structure: ScalingStructure) -> CorrelatedPair 
         used = [k for k, exponent in enumerate(symmetry) if exponent]
         for i, j in itertools.combinations(used, 2):
             p, q = symmetry[i], symmetry[j]
-            # 1 where draws differ along the symmetry alone, 0 where without regard to it.
+            # It is 1 if draws differ only along the symmetry, and 0 if they do not follow it.
             along = 2 * p * q * spread[i, j] / (q**2 * spread[i, i] + p**2 * spread[j, j])
             if along > best:
                 best, strongest = float(along), CorrelatedPair((i, j), (p, q))

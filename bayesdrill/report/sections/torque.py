@@ -33,8 +33,8 @@ TORQUE = Symbol("d", "N*m", "d", r"N\,m", "missing torque")
 class Against:
     """The record has a quantity that a torque may follow, with its `values (T,)`.
 
-    By `centres (B,)` of bins it has the torque's means `(B,)`, with a `band (2, B)` of the means of
-    draws.
+    Bins with these `centres (B,)` have means `(B,)` of the torque, with a `band (2, B)` of the means
+    of draws.
     """
 
     label: Symbol
@@ -45,7 +45,7 @@ class Against:
 
 
 def regressors(torque: TorqueEstimate) -> Iterator[Against]:
-    """Yield its own speed first, then other speeds, the angle within a turn, and measured inputs."""
+    """Yield the inertia's own speed, then other speeds, the angle within a turn, and inputs."""
     rig, here = torque.rig, torque.inertia
     for inertia, (name, speed) in zip(torque.turned, torque.speeds, strict=True):
         geared = inertia if inertia.reduction != 1.0 else None
@@ -224,7 +224,7 @@ def stand_ins(study: IdentifiabilityStudy, rig: Model) -> str:
 
 
 def torque_table(summary: TorqueSummary) -> Table:
-    """Return what each channel leaves with and without the torque."""
+    """Return the table of residuals of each channel with and without the torque."""
     lines = []
     for course in summary.courses:
         sizes = (course.without, course.left, course.moved)
@@ -251,7 +251,7 @@ TORQUE_POINTS = 1200  # most points of a line over time, and dots of a panel
 
 
 def torque_figure(torque: TorqueEstimate, width: float = scales.DOUBLE, *, clock: Unit) -> Figure:
-    """Draw a missing torque over time, and against each thing that it may follow."""
+    """Draw a missing torque over time, and against each quantity that it may follow."""
     band, against = torque.band, list(regressors(torque))
     y = scales.scale(float(band[0].min()), float(band[1].max()), margin=0.04)
     with style.styled(width):
