@@ -169,8 +169,8 @@ SENTENCES: Mapping[str, str] = {
     "two groups of walkers": (
         "the walkers sit in two places and hardly ever cross between them (SI; {places} by "
         "{walkers:.0f} walkers in {steps:.0f} steps). The shares are those of the start, not of the "
-        "posterior. Give the prior an end that leaves one place out, or add a record that tells them "
-        "apart"
+        "posterior. Give the prior an end that leaves one place out, or add a record that "
+        "distinguishes them"
     ),
     "growing autocorrelation time": (
         "the autocorrelation time of {unknown} still grows with the chain: {quarter:.0f} steps from "
@@ -207,8 +207,8 @@ SENTENCES: Mapping[str, str] = {
         "unknown"
     ),
     "more maxima than were followed": (
-        "the search for maxima stopped at {maxima:.0f} of them: others, which the record cannot tell "
-        "from these, may hold about {missed:.0%} of the posterior; give the priors nearer ends, or hold "
+        "the search for maxima stopped at {maxima:.0f} of them: others, which the record cannot "
+        "distinguish from these, may hold about {missed:.0%} of the posterior; give the priors nearer ends, or hold "
         "an unknown"
     ),
     "some missed": MISSED.format("the ends of intervals are rough"),

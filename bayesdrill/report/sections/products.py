@@ -54,7 +54,7 @@ def derived_table(rows: Sequence[DerivedRow], meanings: Mapping[str, str]) -> Ta
 def derived_shown(
     problem: Problem, names: Sequence[str] | None, draws: Array, derived: Derived, theta: Array
 ) -> tuple[Array, DisplayedUnknowns]:
-    """Return draws of `names`, `(N, D)` in displayed units, and how to show them; None means all unknowns.
+    """Return draws of `names`, `(N, D)` in displayed units, and how to show them; None means all.
 
     Names are those of the unknowns `draws (E, N, D)` or of derived quantities. `theta (1, D)` is the
     MAP. Draws without a value, and quantities that are constant, are left out.
