@@ -286,7 +286,7 @@ class Run(arguments.ExperimentPlanner, SampledRun):
 
     @property
     def converged(self) -> bool:
-        """Tell whether R-hat, effective sample size and length of the chain met their targets."""
+        """Return whether R-hat, effective sample size and length of the chain met their targets."""
         return self.sampled.convergence.converged
 
     @property

@@ -216,7 +216,7 @@ class Observation:
 
     @property
     def exact_reason(self) -> str:
-        """Say why the record cannot be compressed at any parameters; empty if it can."""
+        """Return why the record cannot be compressed at any parameters; empty if it can."""
         weights = self.noise.square_weights(np.empty((0, len(self.noise.unknowns))))
         torque = self.torque is not None
         return exact_reason(self.response, gaussian=weights is not None, torque=torque)

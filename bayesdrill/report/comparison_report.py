@@ -190,7 +190,7 @@ def ranking(causes: Causes, seconds: Mapping[tuple[str, ...], float]) -> str:
 
 
 def ladder_opening(models: Mapping[str, str], missing: int) -> str:
-    """Say which models, by their names in words, are to be sampled."""
+    """Describe which models, by their names in words, are to be sampled."""
     done = len(models) - missing
     before = f" ({done} of them done before)" if done else ""
     lines = [f"  {name}: {about}" for name, about in models.items()]

@@ -208,8 +208,8 @@ SENTENCES: Mapping[str, str] = {
     ),
     "more maxima than were followed": (
         "the search for maxima stopped at {maxima:.0f} of them: others, which the record cannot "
-        "distinguish from these, may hold about {missed:.0%} of the posterior; give the priors nearer ends, or hold "
-        "an unknown"
+        "distinguish from these, may hold about {missed:.0%} of the posterior; give the priors nearer "
+        "ends, or hold an unknown"
     ),
     "some missed": MISSED.format("the ends of intervals are rough"),
     "much missed": MISSED.format("all numbers are rough"),

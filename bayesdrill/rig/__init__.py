@@ -1,8 +1,8 @@
-"""Here is how a rig moves: models of rigs, compiled kernels, and simulators.
+"""Compute how a rig moves: models of rigs, compiled kernels, and simulators.
 
 `models/` has the equations of motion, `kernels/` the machine code, and `simulators/` the response
 of the channels at given parameters. `compression/` reduces a long record to a few hundred numbers.
-Nothing here is uncertain: priors, noise and densities are in `inference`.
+Priors, noise and densities are in `inference`.
 """
 
 from __future__ import annotations

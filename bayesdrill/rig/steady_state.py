@@ -21,7 +21,7 @@ def angle_indices(model: Model) -> list[int]:
 
 
 def rotates_freely(matrix: Array, angles: Sequence[int]) -> bool:
-    """Tell whether shifting all angles alike changes nothing, in all of `matrix (n, X, X)`."""
+    """Return whether shifting all angles alike changes nothing, in all of `matrix (n, X, X)`."""
     columns = matrix[np.isfinite(matrix).all(axis=(1, 2))][:, :, list(angles)]
     invariant = np.abs(columns.sum(axis=-1)) <= INVARIANCE_TOLERANCE * np.abs(columns).sum(axis=-1)
     return bool(invariant.all())

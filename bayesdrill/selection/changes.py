@@ -462,7 +462,7 @@ class Setting:
         return all(names) and {*names} <= {*model.offers} - {*model.parameters}
 
     def _passes_on(self, inertia: InertiaRoles) -> bool:
-        """Tell whether a load is behind the gear, and no other inertia turning with it has friction."""
+        """Return whether a load is behind the gear, and no inertia turning with it has friction."""
         model = self.job.problem.model
         roles, has = model.roles, {*model.parameters}
         joined = [i for i in roles.inertias if i.speed == inertia.speed and i is not inertia]

@@ -58,7 +58,7 @@ def describe_calibration(verdict: CalibrationVerdict) -> str:
 
 
 def calibration_rule(verdict: CalibrationVerdict) -> str:
-    """Say how often the verdict is wrong by chance, and when none is given."""
+    """Describe how often the verdict is wrong by chance, and when none is given."""
     return (
         f"A right posterior would be found not calibrated in at most {100 * FALSE_ALARM:g} % of such "
         f"studies, all {len(verdict.quantities)} quantities and all intervals taken together. With more "

@@ -123,7 +123,7 @@ def _left(best: Cause) -> str:
 
 
 def _instead_of(good: Sequence[Cause], best: Cause | None) -> list[str]:
-    """Say which changes of the recommended candidate do the same as another change."""
+    """Describe which changes of the recommended candidate do the same as another change."""
     alike = (each.said_of for cause in good for each in cause.doubts if each.kind == "alike")
     words = {*(best.words if best else ())}
     pairs = dict.fromkeys(pair for pair in alike if len({*pair} & words) == 1)
@@ -175,7 +175,7 @@ def _beside(cause: Cause, best: Cause | None) -> str:
 
 
 def wandering(causes: Causes) -> str:
-    """Say which unknowns change from window to window; empty if no window was refitted."""
+    """Describe which unknowns change from window to window; empty if no window was refitted."""
     if len(causes.windows) < 2:
         return ""
     changes, columns = [], dict[str, list[FittedValue]]()

@@ -34,7 +34,7 @@ from bayesdrill.sampling.mode_search import SAME_POINT, Mode
 
 
 def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: DisplayUnits) -> str:
-    """Say where the maxima are, and that they hold the shares `weights (M,)`; empty for one."""
+    """Describe where the maxima are, and that they hold the shares `weights (M,)`; empty for one."""
     if not mode.others or weights is None:
         return ""
     names = [

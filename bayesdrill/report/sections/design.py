@@ -99,7 +99,7 @@ def _sentence(target: TargetOutlook) -> str:
 
 
 def odds_sentence(design: ExperimentDesign) -> str:
-    """Say what log odds mean, and compare those of a design with the best usual waveform."""
+    """Describe what log odds mean, and compare those of a design with the best usual waveform."""
     if not design.log_odds:
         return ""
     log_odds = {n: odds for n, odds in design.log_odds.items() if n not in (RECORDED, DESIGNED)}

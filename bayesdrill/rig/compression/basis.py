@@ -22,7 +22,7 @@ from bayesdrill.rig.compression.basis_kernel import PAIR, REAL, ROUNDS, ROWS, Po
 BLOCK = 1 << 14  # samples that are filtered at a time
 ROWS_AT_ONCE = 16  # rows per column that one QR decomposition adds, so that they fit into the cache
 MAX_ORDER = 30  # functions of a pole: with more of them the exact response costs less
-MAX_SHARED = 1e-9  # largest effect of an integrator on a rate, relative to that of any state
+MAX_SHARED = 1e-9  # largest effect of an integrator on a rate, over the largest of any state
 NEARLY_ONE = 0.3  # relative distance of real modes: nearer ones are treated as a pair
 LEAST_TURN = 0.25  # least rotation or shear of a pair, relative to its decay or distance from -1
 UNKNOWN = "the poles of the rig are too uncertain"

@@ -45,7 +45,7 @@ ROUNDS = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BasisShape:
-    """The structure is what the kernels are specialised for.
+    """Kernels are specialised for this structure.
 
     `slopes` says that numbers have slopes. `poles` has the number of coordinates of each pole, in
     the order of modal coordinates. The `integrators` before them are coordinates on which nothing
@@ -121,7 +121,7 @@ class BasisShape:
 
 @dataclass(frozen=True, slots=True)
 class PoleNumbers:
-    """The record has the numbers of a real pole a = 1 + mu, or of a complex pair.
+    """A real pole a = 1 + mu, or a complex pair, has these numbers.
 
     With M = `over` . (1, F, F^2), a pair has functions with the coefficients `even` (2 + F) / M and
     - `odd` F / M; a real pole has `even` / M. The all-pass is `along[0]` + (`along[1]` + `along[2]`
@@ -177,7 +177,7 @@ class ModalFrame:
 
 @dataclass(frozen=True, slots=True)
 class ExponentialEntries:
-    """The entries are those of exp(M span) - 1, which is at the address `e`."""
+    """A call returns entries of exp(M span) - 1, which is at the address `e`."""
 
     b: Builder
     shape: BasisShape
@@ -191,7 +191,7 @@ class ExponentialEntries:
 
 
 class BasisExpansion:
-    """The writer has the code that expands the response of walkers, with slopes if wanted."""
+    """A writer emits the code that expands the response of walkers, with slopes if wanted."""
 
     def __init__(self, b: Builder, shape: BasisShape, arguments: dict[str, ir.Value]) -> None:
         self.b, self.shape, self.a = b, shape, arguments
@@ -290,7 +290,7 @@ class BasisExpansion:
         return [self.entry(i, x + 1 + layout.n_series + s) for i in range(x)]
 
     def _store_matrices(self, fall: Matrix) -> None:
-        """Store for each pole the matrices of its functions, see the head of the module."""
+        """Store for each pole the matrices of its functions, see the docstring of the module."""
         square = product(fall, fall) if PAIR in self.shape.poles else []
         powers = [[*zip(*rows, strict=True)] for rows in zip(fall, square or fall, strict=True)]
         for index, size in enumerate(self.shape.poles):

@@ -184,7 +184,7 @@ class CompressedSimulator(Simulator):
         return squares, slope, products
 
     def beyond(self, sums: Array, errors: Array) -> Flags:
-        """Tell for which walkers `(W,)` the errors of sums `(W, K, sums)` may be too large.
+        """Return for which walkers `(W,)` the errors of sums `(W, K, sums)` may be too large.
 
         The limit is `TOLERANCE` of the log likelihood, or of its distance below the reference's.
         """
@@ -281,13 +281,13 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
             basis, record, sizes, tolerance, layout=record.layout, channels=k_count,
             impulse=sensors.sensing.moves(sensors.experiment.start, angles=()), sums=sums,
         )  # fmt: skip
-        # The reference leaves noise alone.
+        # The residuals of the reference are noise.
         nothing.record.projected[..., -1] = variances[:, None] * usual
         made = nothing.applied(simulator)
         if np.mean(made.exceeds_bound(points)) <= MAX_BEYOND:
             break
     else:
-        raise CompressionError("the bound of what functions leave stays too large")
+        raise CompressionError("the bound of the truncation error stays too large")
     blocks = column_blocks(record, basis, nothing.shape, record.residuals(points[0]))
     columns = nothing.shape.columns(nothing.orders)
     known = triangle(blocks, columns, nothing.shape.sums, record.alike)

@@ -48,16 +48,15 @@ def _projections(
 def write_sums(module: Module, shape: BasisShape) -> None:
     """Write `sums(G, n, triangle, ..., q, ...)`, whose arguments are `COUNTS` and `BLOCKS`.
 
-    Of G groups of walkers `(G, P + X + K (X + 1), LANES)`: parameters, start, rows of channels.
-    `n` columns, a multiple of `ROWS`; `channel`: numbers from the triangle `(n, n)`
-    of a channel to that of the next, zero where all have the same, and `sum` to that of the next sum.
-    `numbers`: step and constant inputs.  `projected (K, sums, n + 1)`: of the reference's residuals,
-    and the square of what no function has.  `out (G, K sums + K, LANES)`: squares, and bounds of the
-    size of what the functions leave.
+    Walkers in G groups `(G, P + X + K (X + 1), LANES)` have parameters, start and rows of channels.
+    The `n` columns are a multiple of `ROWS`.  `channel` is the distance from the triangle `(n, n)` of a
+    channel to that of the next, zero if all have the same, and `sum` that to the next sum.  `numbers`
+    are step and constant inputs.  `projected (K, sums, n + 1)` has projections of the reference's
+    residuals, and the square of the rest.  `out (G, K sums + K, LANES)` has sums and truncation bounds.
 
-    With slopes there are q directions too: `directions (G, q, P + ..., LANES)`, slopes of what
-    walkers have, and `weights (G, K sums, LANES)` of each sum.  `out (G, K sums + K + q + q q, LANES)`
-    goes on with slopes and the lower triangle of the products, these with their weights.
+    With slopes, `directions (G, q, P + ..., LANES)` are slopes of the walkers' numbers in q directions,
+    and `weights (G, K sums, LANES)` those of the sums.  `out (G, K sums + K + q + q q, LANES)` then ends
+    with weighted slopes, and the lower triangle of weighted products.
     """
     with kernel(module, "sums", COUNTS, BLOCKS) as (a, b):
         q, columns, n_sums = a["q"], a["columns"], shape.channels * shape.sums
@@ -88,7 +87,7 @@ def write_sums(module: Module, shape: BasisShape) -> None:
 
 
 def _expand(expansion: BasisExpansion, bases: tuple[ir.Value, ...]) -> list[ir.Value]:
-    """Store the coefficients of walkers; return bounds `(K,)`; `bases`: of numbers, and of slopes."""
+    """Store the coefficients of walkers; return bounds `(K,)`; `bases` are of numbers and slopes."""
     b, shape, layout = expansion.b, expansion.shape, expansion.shape.layout
     numbers = map(Blocks(b, bases).get, range(layout.n_parameters, shape.walker_size))
     start = [*islice(numbers, layout.n_states)]
@@ -103,7 +102,7 @@ def _expand(expansion: BasisExpansion, bases: tuple[ir.Value, ...]) -> list[ir.V
 def store_squares(expansion: BasisExpansion, out: ir.Value, residuals: ir.Value | None) -> None:
     """Store all sums, and `residuals (K sums, n)` along the functions if wanted.
 
-    Coefficients become what they differ by from those of the reference.
+    The coefficients of the reference are subtracted from those of the walkers.
     """
     b, a, columns = expansion.b, expansion.a, expansion.a["columns"]
     coefficients = expansion.coefficients.bases[0]
@@ -134,7 +133,7 @@ def _store_products(
 ) -> None:
     """Store products `(q,)` of slopes with residuals, and `(q, q)` with those up to each.
 
-    They are of rows `(K sums, n)`, each sum with its weight of `weights (K sums,)`.
+    Rows are `(K sums, n)`, and each sum has its weight of `weights (K sums,)`.
     """
     b, shape, q, columns = expansion.b, expansion.shape, expansion.a["q"], expansion.a["columns"]
     length = b.mul(columns, shape.channels * shape.sums)

@@ -41,7 +41,7 @@ from bayesdrill.rig.models.friction import DIRECTION, Law
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """The sizes of a friction in both directions, one number where they are equal."""
+    """The sizes of a friction in both directions, one number if they are equal."""
 
     forward: Number
     backward: Number
@@ -69,13 +69,13 @@ class Sizes:
         return where(below(speed, 0.0), *(reversed(both) if back else both))
 
     def exceeded(self, effort: Number) -> Mask:
-        """Tell where an effort is larger than friction of its sign."""
+        """Return where an effort is larger than friction of its sign."""
         return above(size(effort), self.along(effort))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepFriction:
-    """The record has a friction in a step, and its effect on the states.
+    """A friction has this effect on the states in a step.
 
     `row` is the index of its speed, and `angle` that of its angle. `column` is the effect of a unit
     effort on the states in a step, and `stop_gain` minus one over that on its own speed.
@@ -114,7 +114,7 @@ def moved_by(rows: Rows, state: Sequence[Number], drive: Column) -> list[Number]
 
 @dataclass(frozen=True, slots=True)
 class FrictionHistory:
-    """The record has the varying sizes of frictions in the last step, and their changes in it."""
+    """The history has the varying sizes of frictions in the last step, and their changes in it."""
 
     sizes: list[Number]
     trends: list[Number]
@@ -122,7 +122,7 @@ class FrictionHistory:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """The record has the matrices of a step, and its frictions.
+    """A step has its matrices and its frictions.
 
     `rows` give states over columns (states, one, drive, frictions from `first` on). `slopes` maps
     the columns of inputs to those of their slopes.
@@ -190,7 +190,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class StepStart:
-    """The record has the state, the history and the drive at the beginning of a step.
+    """A step starts from a state, a history of frictions and a drive.
 
     `drive` is by column. `inputs` are by name, in the middle of the step.
     """
@@ -317,14 +317,14 @@ class FrictionMode:
         return [*with_sizes(sizes, range(len(rows))), *sizes, *trends]
 
     def may_change(self, new: Sequence[Number], directions: Sequence[Vector]) -> Mask:
-        """Tell in which lanes a speed changes its sign, or a friction sticks."""
+        """Return in which lanes a speed changes its sign, or a friction sticks."""
         return any_of(
             keeps_direction(direction, new[friction.row]).negate()
             for direction, friction in self._pairs(directions)
         )
 
     def changes(self, new: Sequence[Number], now: StepStart, directions: Sequence[Vector]) -> Mask:
-        """Tell in which lanes a speed changes its sign, or a stuck friction exceeds its size at rest."""
+        """Return in which lanes a speed changes its sign, or a stuck friction begins to slip."""
         step = self.step
         sizes, later = step.rest_sizes(new, now.inputs), step.drive_after(now.drive, step.span)
         changed = []

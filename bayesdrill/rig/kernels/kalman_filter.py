@@ -14,7 +14,7 @@ k = P c' / S,
     update       x <- x + k e       P <- P - k c P
     prediction   x <- Phi x         P <- Phi P Phi' + Q
 
-Once the covariances are steady they are left alone, until a gap or another step.  The smoother goes back
+Steady covariances are not updated until a gap or another step.  The smoother goes back
 by adjoints (Bryson and Frazier 1963; Bierman 1973), without inverting a covariance:
 
     r <- Phi' r      r <- r + c' (e / S - k' r)  channel by channel      x + P r  is the smoothed state
@@ -347,7 +347,7 @@ def write_filter(module: Module, system: StateSpace, name: str) -> None:
 
 
 class _Writer:
-    """The writer has the code that the filter, the smoother and the sampler have in common."""
+    """A writer emits the code that filter, smoother and sampler share."""
 
     def __init__(
         self, a: dict[str, ir.Value], m: Numbers, system: StateSpace, group: ir.Value

@@ -1,6 +1,6 @@
 """Write code for vectors of walkers in LLVM's language.
 
-Constants, memory, loops and gathers; and numbers whose arithmetic becomes code.
+There are constants, memory, loops and gathers, and numbers whose arithmetic becomes code.
 """
 
 from __future__ import annotations
@@ -80,9 +80,9 @@ _EXP = (
 
 
 def _of_whole(name: str) -> Any:
-    """Return LLVM's operation of this name, of whole numbers that may be known.
+    """Return LLVM's operation of this name on whole numbers, which may be constants.
 
-    Beside vectors they stand for all lanes.
+    Together with vectors they stand for all lanes.
     """
     write = getattr(ir.IRBuilder, name)
 
@@ -108,7 +108,7 @@ def _of_lanes(name: str, result: ir.Type = VEC) -> Any:
 
 
 class Builder(ir.IRBuilder):  # type: ignore[misc]
-    """Writes the instructions of a function: LLVM's own, and those that kernels need for vectors."""
+    """A builder emits the instructions of a function: LLVM's own, and those for vectors."""
 
     add, sub, mul, sdiv = map(_of_whole, ("add", "sub", "mul", "sdiv"))
     shl, lshr, and_, or_ = map(_of_whole, ("shl", "lshr", "and_", "or_"))
@@ -139,7 +139,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         self.store(value, self.offset(base, index), align=8)
 
     def single(self, base: ir.Value, index: Integer) -> ir.Value:
-        """Load a number or an integer of a block of such."""
+        """Load a number or an integer of a block of single ones."""
         return self.load(self.offset(base, index))
 
     def shared(self, base: ir.Value, index: Integer) -> ir.Value:
@@ -174,7 +174,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
 
     @contextmanager
     def loop(self, count: Integer, name: str) -> Iterator[ir.Value]:
-        """Repeat what is written inside, at least once; gives the index of a pass."""
+        """Repeat the code written inside, at least once; yield the index of a pass."""
         each = Loop(self, count, [], name)
         yield each.index
         each.close([])
@@ -211,7 +211,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return total
 
     def anywhere(self, mask: ir.Value) -> ir.Value:
-        """Tell whether a mask is true in any lane."""
+        """Return whether a mask is true in any lane."""
         bits = ir.IntType(LANES)
         return self.icmp_unsigned("!=", self.bitcast(mask, bits), bits(0))
 
@@ -359,7 +359,7 @@ def function(
 def kernel(
     module: Module, name: str, counts: Sequence[str], blocks: Mapping[str, ir.Type]
 ) -> Iterator[tuple[dict[str, ir.Value], Builder]]:
-    """Write a kernel; gives its arguments by name, which are `counts` and addresses of `blocks`."""
+    """Write a kernel; yield its arguments by name, which are `counts` and addresses of `blocks`."""
     names = module.arguments[name] = [*counts, *blocks]
     with function(module, name, [*[I64] * len(counts), *blocks.values()]) as (written, b):
         yield dict(zip(names, written.args, strict=True)), b
@@ -427,7 +427,7 @@ class IndexTable:
 
     @contextmanager
     def loop(self, b: Builder) -> Iterator[ir.Value]:
-        """Repeat what is written inside for each number; gives that number."""
+        """Repeat the code written inside for each number; yield that number."""
         with b.loop(self.count, "table") as index:
             yield b.load(b.gep(self.address, [I64(0), index]))
 
@@ -491,11 +491,11 @@ class Vector(Number):
     signed = _method("signed")
 
     def below(self, other: Vector | float) -> Mask:
-        """Tell in which lanes it is less than `other`; NaN is not."""
+        """Return in which lanes it is less than `other`; NaN is not."""
         return Mask(self.b, self.b.fcmp_ordered("<", self.value, register(other)))
 
     def above(self, other: Vector | float) -> Mask:
-        """Tell in which lanes it is greater than `other`; NaN is not."""
+        """Return in which lanes it is greater than `other`; NaN is not."""
         return Mask(self.b, self.b.fcmp_ordered(">", self.value, register(other)))
 
 

@@ -1,13 +1,12 @@
 """Compute the response of linear rigs: the channels of groups of walkers, sample by sample.
 
 With z = (x, 1, u, slopes of u) a step is x(j + 1) = E(j) z(j).  E has the first rows of the
-matrix exponential over the step (`transitions`).  Channels are rows times z.  Numbers carry a slope in
-one direction of the parameters where slopes are wanted: matrices, starts, rows and delays alike.
+matrix exponential over the step (`transitions`).  Channels are rows times z.  If slopes are wanted,
+matrices, starts, rows and delays have slopes in one direction of the parameters.
 
-A channel that is late shows at time t what there was at t - s.  On even times, s is a whole number of
-steps less a share of one, and its row is one times the exponential over that share.  On uneven times
-the state at the knot before t - s is advanced by what is left.  Before the start states change
-straight.
+A late channel shows at time t its value at t - s.  On even times, s is a whole number of steps minus
+a share of one, and the row is multiplied by the exponential over that share.  On uneven times the
+state at the knot before t - s is advanced by the rest.  Before the start states change linearly.
 
 Rigs of more than ten states have loops for products (`multiply_large`), and on even times four samples
 are one product (`Transitions.join_steps`).
@@ -68,7 +67,7 @@ def write_linear(module: Module, shape: LinearShape) -> None:
 
 
 class _Writer:
-    """Writes the code for a group of walkers."""
+    """A writer emits the code for a group of walkers."""
 
     def __init__(
         self, b: Builder, a: dict[str, ir.Value], shape: LinearShape, group: ir.Value
@@ -95,7 +94,7 @@ class _Writer:
             self.products = b.offset(a["out"], group, size)
 
     def write(self) -> None:
-        """Write all that is done for a group of walkers."""
+        """Write the code for a group of walkers."""
         if self.shape.tally is None:
             self._write_planes()
             return
@@ -424,12 +423,12 @@ class _Walker:
         return kind.shaped(registers[: len(registers) - count]), InputHold(inputs, drive.slopes)
 
     def _seen(self, k: int, state: State, *, offset: bool = True) -> Number:
-        """Return what channel k shows of a state, with its offset or without."""
+        """Return the value of channel k at a state, with or without its offset."""
         terms = [(weight, state[i]) for i, weight in self.rows[k].items() if i < self.x]
         return sum_products(self.rows[k][self.x] if offset else self.kind.zero(), terms)
 
     def show(self, sample: ir.Value, row: Integer, k: int, value: Number, totals: Values) -> Values:
-        """Add what channel k shows of a sample to the sums, or store it in a row of the planes."""
+        """Add a value of channel k at a sample to the sums, or store it in a row of the planes."""
         values = self.kind.flat([value])
         if totals:
             return self.w.add_sample(sample, k, values[0], totals)
@@ -441,7 +440,7 @@ class _Walker:
     # Late channels.
 
     def _trace(self, knot: ir.Value, state: State, drive: InputHold) -> None:
-        """Keep what late channels show at even times, or the state from which they follow."""
+        """Keep the values of late channels at even times, or the state from which they follow."""
         kept = state
         if not self.shape.uneven:
             entries = [*state, Vector(self.b, vector(1.0)), *drive.inputs, *drive.slopes]
@@ -493,7 +492,7 @@ class _Walker:
         return self.kind.shaped([self.b.gather_lanes(self.w.trace, at) for at in places])[0]
 
     def _between(self, k: int, place: ir.Value, when: Number) -> Number:
-        """Return what channel k shows at a time after the knot of each lane."""
+        """Return the value of channel k at a time after the knot of each lane."""
         b, layout = self.b, self.w.layout
         state = [self._kept(place, self.x, i) for i in range(self.x)]
         columns = layout.size - self.x - 1

@@ -32,14 +32,16 @@ BLOCKS = {
     "out": VECTORS,  # (G, planes, T, K); (G, K, n) sums; or (G, K + (1 + q)^2), see `_add_products`
 }
 SCRATCH = ("table", "states", "rungs", "planes", "last residuals", "trace")
-SCALES = 3  # of residuals of a channel, see `simulators.contract.whitening_scales`
+SCALES = (
+    3  # number of scales of the residuals of a channel, see `simulators.contract.whitening_scales`
+)
 ROWS = 64  # samples of a chunk
 JOINED = 4  # samples per step of large matrices; it divides ROWS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinearShape:
-    """The structure of a record is what a kernel is specialised for.
+    """A kernel is specialised for this structure of a record.
 
     `rows (K, X)` says which states a channel shows; their weights, and offsets, are numbers of each
     walker. `late (K,)` says which channels are late. `uneven` says that steps differ, or that there

@@ -156,13 +156,13 @@ def _lane(factor: Vector, other: Vector, sum_: Vector | None) -> Vector:
 
 
 def above(number: Number, other: Number) -> Mask:
-    """Tell where a number is greater than another; NaN is greater than all."""
+    """Return where a number is greater than another; NaN is greater than all."""
     value, bound = dual(number).value, dual(other).value
     return Mask(value.b, value.b.fcmp_unordered(">", value.value, bound.value))
 
 
 def is_moving(speed: Number) -> Mask:
-    """Tell where a speed is not zero; NaN moves."""
+    """Return where a speed is not zero; NaN moves."""
     value = dual(speed).value
     return Mask(value.b, value.b.fcmp_unordered("!=", value.value, vector(0.0)))
 
@@ -174,12 +174,12 @@ def slip_direction(speed: Number) -> Vector:
 
 
 def is_sticking(direction: Vector) -> Mask:
-    """Tell where a direction is that of rest."""
+    """Return where a direction is that of rest."""
     return Mask(direction.b, direction.b.fcmp_ordered("==", direction.value, vector(0.0)))
 
 
 def keeps_direction(direction: Vector, speed: Number) -> Mask:
-    """Tell where a speed has the sign it had; false where it was at rest."""
+    """Return where a speed has the sign it had; false where it was at rest."""
     product = direction.b.fmul(direction.value, dual(speed).value.value)
     return Mask(direction.b, direction.b.fcmp_unordered(">", product, vector(0.0)))
 
@@ -299,7 +299,7 @@ def multiply_large(
 
 
 def strips(b: Builder, count: int, size: int) -> Iterator[tuple[Integer, int]]:
-    """Give begin and size of strips of a count; those of the usual size share one loop."""
+    """Yield begin and size of strips of a count; those of equal size share one loop."""
     if count >= size:
         with b.loop(count // size, "strips") as strip:
             yield b.mul(strip, size), size
@@ -402,7 +402,7 @@ def solve(b: Builder, out: ir.Value, lu: ir.Value, x: ir.Value, n: int, m: int) 
         ]
 
         def take(i: int, j: int) -> None:
-            """Take from row i what row j has of it."""
+            """Subtract from row i its component of row j."""
             minus, rows = -entry[i, j], zip(solution[j], solution[i], strict=True)
             solution[i] = [multiply_add(minus, *pair) for pair in rows]
 

@@ -59,9 +59,9 @@ def advance_step(
     now: StepStart,
     turn: Callable[[list[Number]], None],
 ) -> list[Number]:
-    """Return new state, efforts (where the mode shows them), sizes that vary, and their trends.
+    """Return new state, efforts if the mode shows them, varying sizes, and their trends.
 
-    After an event, a zero crossing or what stuck begins to slip, the mode is another: `turn(state)`.
+    After an event, a zero crossing or the end of sticking, `turn(state)` sets the new mode.
     """
     kind, x, directions = mode.step.kind, len(now.state), mode.directions()
     smooth = mode.advance(now, directions)
@@ -83,7 +83,7 @@ def advance_step(
 
 @dataclass(frozen=True, slots=True)
 class RestState:
-    """The record has, at the beginning of a step, the holding `effort` and the `sizes` at rest.
+    """At the beginning of a step, frictions have a holding `effort`, and `sizes` at rest.
 
     The effort is what keeps the friction's speed at zero.
     """
@@ -247,7 +247,7 @@ class ReversalStep:
     def _moved(
         self, free: list[Number], efforts: list[Number], only: Sequence[int] | None = None
     ) -> list[Number]:
-        """Return all states with efforts applied; with `only`, just those states are right."""
+        """Return all states with efforts applied; with `only`, only those states are right."""
         new = list(free)
         for friction, effort in zip(self.step.frictions, efforts, strict=True):
             for i in (i for i in friction.column if only is None or i in only):
@@ -315,7 +315,7 @@ def advance_stride(
 
 
 def _falling(step: Step, state: Sequence[Number]) -> Iterator[Mask]:
-    """Tell where sizes still change with the speed."""
+    """Return where sizes still change with the speed."""
     for _, fallen in _spent(step, state):
         yield below(fallen, SETTLED_EXPONENT)
 
@@ -331,7 +331,7 @@ def _spent(step: Step, state: Sequence[Number]) -> Iterator[tuple[Number, Number
 def _near_zero(
     step: Step, state: Sequence[Number], new: Sequence[Number], directions: Sequence[Vector]
 ) -> Iterator[Mask]:
-    """Tell where a zero crossing is possible: a speed changes by more than its remaining size."""
+    """Return where a zero crossing is possible: a speed changes by more than its remaining size."""
     for friction, direction in zip(step.frictions, directions, strict=True):
         change = size(new[friction.row] - state[friction.row])
         for end in (state, new):

@@ -1,10 +1,10 @@
-"""A step of a rig with a servo, whose loop is closed or, where it saturates or is dead, open.
+"""Advance a rig with a servo, whose loop is open while it saturates or is in its dead band.
 
-In each lane a step has the matrix of the closed loop or that of the open one, as the wanted voltage at
-its beginning says; either is exact.  The passage from one to the other is not located in time: in a step
-with it the voltage at the end differs from the one that the matrix has, by a part that grows from zero
-along a straight line.  Its mean acts over the whole step, which leaves an error of second order.  So
-does a measured supply, whose difference from the usual one acts by the mean of begin and end.
+In each lane a step has the matrix of the closed or of the open loop, by the wanted voltage at its
+beginning; both are exact.  The passage from one to the other is not located in time.  In such a step
+the voltage departs from that of the matrix along a straight line.  The mean of this difference acts
+over the whole step, which leaves an error of second order.  In the same way, the difference of a
+measured supply from the usual one acts by the mean of both ends.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ NO_CHANGE = 1e-300  # volts, so that nothing is divided by zero where no voltage
 
 @dataclass(frozen=True, slots=True)
 class ServoLoop:
-    """The servo of a step.
+    """A servo acts in a step.
 
-    `column`: of its voltage among what drives.  `row`, `base`: what voltage is wanted, of states and
-    drive.
+    `column` is that of its voltage among the drives.  `row` and `base` give the wanted voltage from
+    states and drives.
     """
 
     law: Saturation
@@ -40,18 +40,18 @@ class ServoLoop:
         return sum_products(self.base, row_terms(self.row, state, drive))
 
     def is_closed(self, wanted: Number) -> Mask:
-        """Tell where the voltage follows the wanted one."""
+        """Return where the voltage follows the wanted one."""
         mask: Mask = self.law.is_linear(self.parameters, wanted)
         return mask
 
     def beyond_matrix(self, wanted: Number, closed: Mask, level: Number | None = None) -> Number:
-        """Return the voltage less the one that the matrix of the loop has."""
+        """Return the voltage minus that of the matrix of the loop."""
         voltage = self.law.voltage(self.parameters, wanted)
         acting = voltage if level is None else voltage * level
         return where(closed, acting - wanted, acting)
 
     def mean_beyond(self, begin: Number, end: Number, closed: Mask, level: Number | None) -> Number:
-        """Return the mean over a step of what the voltage is beyond the matrix.
+        """Return the mean over a step of the voltage minus that of the matrix.
 
         The wanted voltage goes from `begin` to `end`, and leaves the range in which it began on the way.
         """

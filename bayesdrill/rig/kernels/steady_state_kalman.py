@@ -231,8 +231,8 @@ def _correct_start(
 
         b' (1 + P G) (1 + P0 G)^-1 (P - P0) b        det(1 + P0 G) / det(1 + P G)
 
-    They are independent where the start has the covariance P, and it has P0; b (n,): what they show
-    of it.
+    The residuals are independent if the start has the covariance P, but it has P0.  `b (n,)` is the
+    score of the start from all residuals.
     """
     b, p, g = m.b, at["p"], at["g"]
     settled, known, lu = (m.room(n * n) for _ in range(3))
@@ -267,9 +267,9 @@ BLOCK_SAMPLES = 8  # samples of a block
 def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> None:
     """Write `steadily`, of COUNTS and addresses of BLOCKS.
 
-    It stores minus half the sums of squares of the whitened residuals `(K,)`, the start's part with
-    them, their standard deviations `(K,)`, and the determinant that the start takes.  `layout`: of
-    the rig with its torque.
+    It stores minus half the sums of squares of the whitened residuals `(K,)`, including
+    that of the start, their standard deviations `(K,)`, and the determinant for the start.  `layout` is
+    that of the rig with its torque.
     """
     n, k_count = system.n, system.k
     with kernel(module, "steadily", COUNTS, BLOCKS) as (a, b):
@@ -327,7 +327,7 @@ def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> No
 
 @dataclass(frozen=True, slots=True)
 class SteadyFilter:
-    """The filter has what all samples of a group of walkers share.
+    """The filter has the numbers that all samples of a group of walkers share.
 
     For `first (1,)` see `_solve_riccati`.
     """

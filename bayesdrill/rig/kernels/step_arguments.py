@@ -39,7 +39,7 @@ BLOCKS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SteppedShape:
-    """The structure of a stepped rig and record is what a kernel is specialised for.
+    """A kernel is specialised for this structure of a stepped rig and record.
 
     `series` are sampled inputs, of which `late` have a lag of each walker. `constant` are constant
     inputs that are not zero. `pattern (K, R)` has the entries of rows that may differ from zero,
@@ -175,7 +175,7 @@ class SteppedShape:
 
 
 class Rates:
-    """A right side is that of the rig's equations, x' = A x + c + B u."""
+    """Rates are the right side of the rig's equations, x' = A x + c + B u."""
 
     def __init__(
         self,

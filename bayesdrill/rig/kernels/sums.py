@@ -29,7 +29,7 @@ class Record:
         return self.b.single(self.y, self.b.add(self.b.mul(sample, self.channels), k))
 
     def residual(self, sample: ir.Value, k: int, value: ir.Value) -> ir.Value:
-        """Return by how much a value of channel k for each walker is less than measured."""
+        """Return the measured value of channel k minus that of each walker."""
         return self.b.fsub(self.b.splat(self.measured(sample, k)), value)
 
     def if_observed(
@@ -74,7 +74,7 @@ class ResidualSums:
         return len(self.start)
 
     def initial(self, channels: int = 1) -> Values:
-        """Return the registers of so many channels before the first sample, in a row."""
+        """Return the registers of a number of channels before the first sample, in a row."""
         return [vector(value) for value in self.start] * channels
 
     def add_if_observed(self, b: Builder, totals: Values, sample: Sample) -> Values:

@@ -46,7 +46,7 @@ from bayesdrill.rig.kernels.numbers import (
 )
 
 MAX_SERIES_DEGREE = 14
-MAX_SERIES_NORM = 0.3  # largest norm times span that a series is asked for
+MAX_SERIES_NORM = 0.3  # largest norm times span for which a series is used
 SERIES_TAIL = 1e-16  # truncation error of a series, relative to the state
 MAX_HALVINGS = 50  # halvings of the width: shorter spans are below the rounding of times
 MAX_RUNGS = 60 + MAX_HALVINGS
@@ -58,9 +58,9 @@ Step = Callable[[State, "InputHold"], State]
 
 
 def table_entries(layout: Layout) -> list[tuple[int, int]]:
-    """Return (row, column) of what tables keep of an exponential: rows of states, within reach.
+    """Return (row, column) of the entries of an exponential that tables keep: rows of states, in reach.
 
-    Of a large matrix, whole rows.
+    A large matrix keeps whole rows.
     """
     n, reach, large = layout.size, layout.reach, layout.large
     return [(i, j) for i in range(layout.n_states) for j in range(n) if large or reach[i][j]]
@@ -91,7 +91,7 @@ class InputHold:
 
 @dataclass(frozen=True, slots=True)
 class ExponentialLadder:
-    """The record has the memory of a ladder and its series, see `Transitions.act`.
+    """A ladder has memory for its rungs and its series, see `Transitions.act`.
 
     `rates` are the entries of A, c and B over the norm. `weights` are 1/k of each term. `scale` has
     norm times width, and one over the norm. `halvings` counts those of the width in each lane.
@@ -235,7 +235,7 @@ class Transitions:
                     kind.put(sum_products(kind.zero(), terms), into, k * columns)
         b.copy(units, joined, x * columns * kind.width)
 
-    # Other spans than those in the table.
+    # Spans that are not in the table.
 
     @cached_property
     def _rate_entries(self) -> list[tuple[int, int]]:

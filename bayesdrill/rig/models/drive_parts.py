@@ -36,7 +36,7 @@ class Gear:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A drive is what moves an inertia: one of the `DRIVES`.
+    """A drive moves an inertia, and is one of the `DRIVES`.
 
     `supply` [V] is the usual one of a servo whose supply is measured, and zero otherwise.
     """
@@ -47,7 +47,7 @@ class Drive:
 
     @property
     def entry(self) -> Any:
-        """Return what a config says of it."""
+        """Return the entry of a config."""
         return {self.kind: self.supply} if self.supply else self.kind
 
 

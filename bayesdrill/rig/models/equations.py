@@ -4,9 +4,9 @@
     l i' = u - (r + r_s) i - k_e w_b                              of each motor with an inductance
     u = supply duty (k_p (goal - theta_b) - k_d w_b)              of a servo (see `servo`)
 
-An inertia whose `reduction` is i turns 1/i times as fast as the state that is its speed: a torque on
-it does i times as much to that state as one that acts behind the gear.  A shaft or a damper acts at
-both of its ends, and what is imposed or held by the ground moves one of them.
+An inertia whose `reduction` is i turns 1/i times as fast as the state that is its speed.  So a torque
+on it has i times the effect on that state of one behind the gear.  A shaft or a damper acts at both of
+its ends, one of which may have an imposed motion or be the ground.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def _times(factor: float, number: Any) -> Any:
 
 
 class _Parts:
-    """The parts of a rig are those for which it has names of parameters, states and inputs.
+    """A rig has the parts whose parameters, states and inputs have names.
 
     `moving` maps each speed that is a state to the inertias that turn with it.
     """
@@ -95,7 +95,7 @@ class _Parts:
     # Inertias and torques, referred to the state.
 
     def inertia(self, speed: str, p: Named) -> Any:
-        """Return what `coordinate_inertia` does."""
+        """See `coordinate_inertia`."""
         first, *others = self.moving[speed]
         total: Any = p[first.inertia]
         for other in others:
@@ -127,7 +127,7 @@ class _Parts:
     # Equations.
 
     def linear(self, p: Named) -> Linear:
-        """Return what `Model.linear` does."""
+        """See `Model.linear`."""
         totals = {speed: self.inertia(speed, p) for speed in self.moving}
         entries: dict[tuple[str, str], Any] = {}
         for row, column, value in self._entries(p, totals):
@@ -222,7 +222,7 @@ class _Parts:
     def _volts(
         self, motor: MotorRoles, inertia: InertiaRoles, row: str, volt: Any, p: Named
     ) -> Iterator[Entry]:
-        """Yield what a motor's voltage does to a row, where one volt does `volt`."""
+        """Yield the effects of a motor's voltage on a row, if one volt has the effect `volt`."""
         if not motor.goal:
             yield row, motor.voltage, volt
             return

@@ -3,9 +3,9 @@
     1/2    <d(t) d(t')> = s^2 exp(-r)                r = |t - t'| / tau
     3/2    <d(t) d(t')> = s^2 (1 + a) exp(-a)        a = sqrt(3) r
 
-It is a Matern process, as states that white noise drives (Hartikainen and Sarkka 2010): d has one,
-or with its rate two.  A torque `d` is positive where it pushes its inertia towards positive angles;
-dry friction comes out with the sign against the speed.
+This Matern process has a state-space form that white noise drives (Hartikainen and Sarkka 2010).  Its
+states are d, and for 3/2 also the rate of d.  A torque `d` is positive if it pushes its inertia towards
+positive angles, so dry friction has the opposite sign to the speed.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def torque_gain(model: Model, torque: MissingTorque, p: Named, linear: Linear) -
 
 @dataclass(frozen=True, slots=True)
 class AugmentedModel(WrappedModel):
-    """The augmented model has the states of a missing torque behind those of a `rig`.
+    """The augmented model has the states of a `rig`, then those of a missing torque.
 
     The size and the correlation time of the torque are further parameters. `free` says that the rig
     turns freely, so that nothing depends on its common angle. Then angles are relative to the last

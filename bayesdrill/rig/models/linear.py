@@ -35,7 +35,7 @@ NO_OFFERS: Offers = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True)
 class Linear:
-    """The record contains the non-zero entries of `x' = A x + B u + c`.
+    """Linear dynamics are the non-zero entries of `x' = A x + B u + c`.
 
     `A` maps (row state, column state), `B` (row state, input) and `c` (row state) to values of any
     one batch shape, or to plain numbers. The keys are the structure of the system: kernels skip all
@@ -109,7 +109,7 @@ class Model(Protocol):
         whole powers.
         """
 
-    # Optional members, with their defaults.
+    # Optional members have these defaults.
 
     @property
     def roles(self) -> Roles:

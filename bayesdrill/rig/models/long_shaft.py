@@ -1,20 +1,20 @@
-"""The paper's rig has here a shaft with an inertia of its own, `j_s`, as `elements` equal pieces.
+"""Define the paper's rig with a shaft that has an inertia of its own, `j_s`, in equal `elements`.
 
-Each piece is a spring n k_s, with half of its inertia j_s/n at either end: what is at the ends of the
-shaft adds to j_1 and, through the gear, to j_m.  At node k, the share s = k/n of the way from the
-gearbox to rotor 1, the shaft is at
+Each piece is a spring n k_s, with half of its inertia j_s/n at either end.  The halves at the ends of
+the shaft add to j_1 and, through the gear, to j_m.  At node k, with the share s = k/n of the way from
+the gearbox to rotor 1, the angle of the shaft is
 
     theta_2 + s (theta_1 - theta_2) + phi_k
 
-so that all phi_k, and their rates, are zero in a shaft that is straight: a start need not name them.
+so that all phi_k, and their rates, are zero in a straight shaft, and a start need not name them.
 
     phi_k'  = dphi_k
     dphi_k' = (n^2 k_s/j_s)(phi_(k-1) - 2 phi_k + phi_(k+1)) - (1 - s) w_2' - s w_1'
     w_1'    = ... + n k_s phi_(n-1) / (j_1 + j_s/2n)
     w_2'    = ... + i_m^2 n k_s phi_1 / (j_m + i_m^2 j_s/2n)
 
-with the rest of w_1' and w_2' as in `motor_shaft`.  The damping `c_s` goes with k_s in all of it.  For
-the paper's shaft it makes no difference (`j_s` is 1.5e-7 kg m^2): that can be seen with it.
+with the rest of w_1' and w_2' as in `motor_shaft`.  The damping `c_s` acts wherever k_s does.  This
+model shows that the inertia of the paper's shaft, 1.5e-7 kg m^2, makes no difference.
 """
 
 from __future__ import annotations

@@ -1,17 +1,17 @@
-"""The voltage of a servo that saturates, its dead band, and a goal of limited speed.
+"""Define the voltage of a servo with saturation and a dead band, and a goal of limited speed.
 
     wanted = supply duty (k_p (goal - angle) - k_d speed)       the voltage of a linear closed loop
     voltage = clip(wanted -+ dead, +-reach), and zero where |wanted| is below dead
     reach = supply limit,  dead = supply duty k_p band
 
 The rig's `A` and `B` are those of the linear closed loop.  With the parameter `duty` at zero the loop
-is open, and the column `name` of `B` is what one volt more does to the state `row`.
+is open, and the column `name` of `B` is the effect of one more volt on the state `row`.
 
-A supply that is measured is an input.  The matrix of the closed loop has its usual value, and a voltage
-is the one at this value times the `level`, which is the supply over its usual value.
+A measured supply is an input.  The matrix of the closed loop has the usual supply.  A voltage is that at
+the usual supply times the `level`, which is the supply over its usual value.
 
-A firmware that limits the speed of its goal follows a reference, which moves towards the goal at most
-at the parameter `speed`.  It depends on the goal alone, and is the `goal` of the equations above.
+Firmware that limits the speed of its goal follows a reference, which moves towards the goal at most
+at the speed `speed`.  It depends only on the goal, and is the `goal` of the equations above.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from bayesdrill.rig.models.friction import Named
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Saturation:
-    """Names of the numbers of a servo, empty where it has none, and of what its voltage moves."""
+    """A servo has these names of its numbers, empty if it has none, and of its voltage's effect."""
 
     name: str
     row: str
@@ -47,11 +47,11 @@ class Saturation:
         return inputs[self.supply] * (1.0 / self.usual_supply) if self.usual_supply else None
 
     def reach(self, p: Named) -> Any:
-        """Return its largest voltage; None where nothing limits it."""
+        """Return its largest voltage, or None without a limit."""
         return (self.usual_supply or p[self.supply]) * p[self.limit] if self.limit else None
 
     def dead(self, p: Named) -> Any:
-        """Return how much a voltage has to be wanted before there is any; None without a band."""
+        """Return the wanted voltage below which there is none; None without a dead band."""
         if not self.band:
             return None
         dead: Any = (self.usual_supply or p[self.supply]) * p[self.duty] * p[self.band]
@@ -68,7 +68,7 @@ class Saturation:
         return below(size(inner * 2.0 - reach), reach)  # between zero and reach
 
     def voltage(self, p: Named, wanted: Any) -> Any:
-        """Return the voltage at a wanted one, without the level of a measured supply."""
+        """Return the voltage for a wanted one, without the level of a measured supply."""
         reach, dead, most = self.reach(p), self.dead(p), size(wanted)
         if dead is not None:
             most = where(below(most, dead), 0.0, most - dead)
@@ -85,7 +85,7 @@ class Saturation:
         return reference + step, reference + step - step * share * 0.5
 
     def reference(self, p: Mapping[str, float], t: Array, goal: Array | float) -> Array | float:
-        """Return the reference that follows a goal `(T,)` at times `t`; a constant one is its own."""
+        """Return the reference that follows a goal `(T,)` at times `t`, or a constant goal itself."""
         if not self.speed or np.ndim(goal) == 0:
             return goal
         reference = [float(goal[0])]  # type: ignore[index]

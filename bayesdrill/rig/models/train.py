@@ -7,10 +7,10 @@
       shafts: {coupling: [arm, load]}                        # `ground` may be an end
       drives: {motor: current}
 
-Symbols are made of names: `j_motor`, `k_coupling`, `theta_load`.  Of what moves along a line
-(`motion: linear`) they are `m_cart`, `x_cart`, `v_cart` and `f_cart`, in kg, m and N.  A parameter
-that is only offered, as the damping `c_load` or the dry friction `t_c_load`, is there where it is
-named.  The equations are those of `equations`.
+Symbols are made of names: `j_motor`, `k_coupling`, `theta_load`.  For a motion along a line
+(`motion: linear`) they are `m_cart`, `x_cart`, `v_cart` and `f_cart`, in kg, m and N.  An optional
+parameter, such as the damping `c_load` or the dry friction `t_c_load`, is used if it is named.
+`equations` derives the equations.
 """
 
 from __future__ import annotations
@@ -329,7 +329,7 @@ class Description:
     def _add_rows(
         self, rows: Sequence[Row], part: str, known: Mapping[str, str] = NO_NAMES
     ) -> dict[str, str]:
-        """Add the numbers of a part, and return their names by role; `known`: those of others."""
+        """Add the numbers of a part, and return their names by role; `known` are those of others."""
         names = {row.role: f"{self._word(row.letter)}_{part}{row.after}" for row in rows}
         for row in rows:
             if row.needs is None:
@@ -404,7 +404,7 @@ describe: Callable[[Train], Description] = functools.lru_cache(maxsize=256)(Desc
 def _rubbing(train: Train, joined: Sequence[str]) -> str:
     """Return which one of several inertias that turn as one has their dry friction.
 
-    This is where their gears begin, or else the first.
+    It is the one at which their gears begin, or else the first.
     """
     behind = {gear.ends[1] for gear in train.gears}
     first = {gear.ends[0] for gear in train.gears} - behind

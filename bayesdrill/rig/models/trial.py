@@ -63,7 +63,7 @@ def _check_names(rig: Any) -> None:
 
 
 class _Number:
-    """The number can do exactly what a kernel's register can."""
+    """A number has exactly the operations of a kernel's register."""
 
     def _with(self, other: Any) -> _Number:
         if not isinstance(other, _Number | int | float):

@@ -1,14 +1,12 @@
-"""Simulators compute the channels of an experiment; the choice of one for a record is made here.
+"""Choose the simulator that computes the channels of an experiment.
 
-- Dry friction or gravity, or inputs that lag each by a time of its own: `Stepped`, in steps of one
-  length.
-- Everything else is linear: `Response`, exact at any times, behind any sensors and of any size.
-- Linear, nothing late, even times, noise that is white or AR(1), no missing torque, and more than
-  `COMPRESSED_FROM` samples: `rig.compression`, as soon as a fit knows where the rig is.  Of any other
-  record `exact_reason` says why it keeps all samples.
-- With a missing torque the residuals of the simulator go through a Kalman filter (`kalman`).  It has
-  one steady gain where times are even, no sample is missing and sensors are perfect; else a gain for
-  each sample.
+- `Stepped` is for dry friction, gravity, and inputs with lags of their own.  Its steps are equal.
+- `Response` is for all other rigs, which are linear.  It is exact, with any times and sensors.
+- `rig.compression` is for linear rigs with even times, no delay, white or AR(1) noise, no missing
+  torque, and more than `COMPRESSED_FROM` samples.  It is used once a fit has come near the maximum.
+  `exact_reason` says why another record keeps all samples.
+- `kalman` filters the residuals of a simulator if a torque is missing.  It has one steady gain if times
+  are even, no sample is missing and sensors are perfect, and else a gain for each sample.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 
-COMPRESSED_FROM = 20_000  # samples: with fewer a run without compression takes some minutes at most
+COMPRESSED_FROM = 20_000  # samples; with fewer, an uncompressed run takes a few minutes at most
 
 
 def simulator(
@@ -31,9 +29,9 @@ def simulator(
     reversal_substeps: int = REVERSAL_SUBSTEPS,
     adaptive: bool = False,
 ) -> Simulator:
-    """Return the simulator that an experiment needs, which has all samples.
+    """Return the simulator that an experiment needs, which uses all samples.
 
-    `substeps`, `reversal_substeps`, `adaptive`: see `Stepping`, for what has to be stepped.
+    `Stepping` explains `substeps`, `reversal_substeps` and `adaptive` of a stepped rig.
     """
     if not model.smooth or sensing.input_lags:
         return Stepped(model, experiment, sensing, substeps, reversal_substeps, adaptive)
@@ -41,9 +39,9 @@ def simulator(
 
 
 def exact_reason(simulator: Simulator, *, gaussian: bool = True, torque: bool = False) -> str:
-    """Say why a record cannot be compressed whatever the parameters; empty where it can.
+    """Return why a record cannot be compressed whatever the parameters; empty if it can.
 
-    `gaussian`: whether its noise asks for sums of squares alone; `torque`: whether one is missing.
+    `gaussian` says that its noise needs only sums of squares, and `torque` that one is missing.
     """
     reasons = {
         "a torque is missing": torque,

@@ -1,4 +1,4 @@
-"""Define the contract of a simulator, and what follows from its sums, signals and slopes."""
+"""Define the contract of a simulator, and results that follow from its sums, signals and slopes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ REVERSAL_SUBSTEPS = 4  # with 2 the error is several times as large, with 8 hard
 
 
 class Stepping(NamedTuple):
-    """The record says how a simulator steps.
+    """These settings say how a simulator steps.
 
     `pieces` is the number of steps between samples, and `turns` the number of parts of a step with
     a reversal. `chosen` says that both were adapted to the noise.
@@ -53,12 +53,12 @@ class Simulator(ABC):
 
     Parameters are `full (W, P)` in SI, with columns in the order of `parameters`: those of the
     `model`, then those of sensors and start. All results are batch-first. A walker whose numbers
-    overflow gets NaN in its own row alone.
+    overflow gets NaN, in its own row only.
     """
 
     model: Model
     experiment: Experiment
-    sensing: ObservationModel  # sensors and start, beside the rig's parameters
+    sensing: ObservationModel  # sensors and start
     # Whether one kernel sums up the normal equations without storing samples.
     exact: ClassVar[bool] = False
 
@@ -91,7 +91,7 @@ class Simulator(ABC):
         return 0
 
     def exceeds_bound(self, full: Array) -> Flags:
-        """Tell which walkers `(W,)` of a compressed record need every sample."""
+        """Return which walkers `(W,)` of a compressed record need every sample."""
         return np.zeros(len(full), dtype=np.bool_)
 
     @property

@@ -1,9 +1,8 @@
-"""The observation model has gains, offsets and delays of sensors, and the start, of each walker.
+"""Define the observation model: gains, offsets and delays of sensors, and the start.
 
     y_k(t) = gain_k c_k . x(t - lag_k - delay) + offset_k        x' = A x + B (gain_u u + offset_u) + c
 
-A delay is one of all that drives the rig, offsets of inputs among it: until then it is at its
-start.
+A delay holds for all inputs, including their offsets: until then the rig is at its start.
 """
 
 from __future__ import annotations
@@ -41,12 +40,12 @@ def state_weights(model: Model, combines: Mapping[str, float]) -> dict[str, floa
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObservationModel:
-    """The record names the parameters of sensors and start, by channel, input or state.
+    """An observation model names the parameters of sensors and start, by channel, input or state.
 
-    `input_lags` are the lags of single inputs: the rig receives an input by so much later than its
-    record says. `delay` is common to all inputs, or the moment at which constant ones are switched
-    on. `states` are unknown states of the start. If the start is `steady`, the rest of it is the
-    steady state under the first inputs.
+    `input_lags` are the lags of single inputs: the rig receives an input later than its record says.
+    `delay` is common to all inputs, or the moment at which constant ones are switched on. `states` are
+    unknown states of the start. If the start is `steady`, the rest of it is the steady state under
+    the first inputs.
     """
 
     gains: Mapping[str, str] = field(default_factory=dict)
@@ -78,9 +77,9 @@ class ObservationModel:
         return bool(self.lags) or self.delay is not None
 
     def moves(self, start: Mapping[str, float], angles: Collection[str]) -> bool:
-        """Tell whether a rig with this `start` may turn, or carry a current, before the record.
+        """Return whether a rig with this `start` may turn, or carry a current, before the record.
 
-        `angles`: names of its states that are angles, or positions.
+        `angles` are the names of its states that are angles, or positions.
         """
         rates = [x for name, x in start.items() if name not in angles]
         return self.steady or bool(self.states) or any(rates)
@@ -220,7 +219,7 @@ class SensorParameters:
 
     @cached_property
     def padded(self) -> Array:
-        """Return the record; at a start before it nothing is observed."""
+        """Return the record, with a sample without values at a start before it."""
         y = self.experiment.y
         return np.vstack([np.full((1, y.shape[1]), np.nan), y]) if self.lead else np.asarray(y)
 
@@ -263,10 +262,7 @@ class SensorParameters:
         return self.channel_values(known, full) + one
 
     def rows(self, full: Any) -> Any:
-        """Return the rows of channels `(W, K, X + 1)`: gains times weights of states, then offsets.
-
-        They are `(W, K, X + 1)`.
-        """
+        """Return the rows of channels `(W, K, X + 1)`: gains times weights of states, then offsets."""
         gains, offsets = self.gains(full), self.channel_values(self.sensing.offsets, full)
 
         def row(gain: Array, offset: Array) -> Array:

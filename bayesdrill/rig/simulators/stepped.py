@@ -39,7 +39,7 @@ from bayesdrill.rig.simulators.time_grid import UniformGrid
 
 @dataclass(frozen=True)
 class Stepped(Simulator):
-    """The simulator goes in steps, whose fields are those of `Stepping`."""
+    """The simulator advances in steps; `Stepping` explains its fields."""
 
     model: Model
     experiment: Experiment

@@ -211,7 +211,7 @@ class UniformGrid:
 
     @cached_property
     def usual(self) -> Whole:
-        """Return 1 for each sample whose next one is several steps, a median one, away: `(T,)`."""
+        """Return 1 for each sample with several steps, one median interval, to the next: `(T,)`."""
         return np.asarray((self.counts == self._substeps) & (self.counts > 1)).astype(np.int64)
 
     def between(self, t: Array) -> tuple[Whole, Array]:
@@ -228,7 +228,7 @@ class UniformGrid:
         return int(np.ceil(ahead / self.span)) + 1 if np.isfinite(ahead) else 1
 
     def margin(self, lag: Array) -> int:
-        """Return how many steps outside the record inputs late by `lag (W, S)` need."""
+        """Return the number of steps outside the record that inputs with `lag (W, S)` need."""
         if not lag.size:
             return 0
         return int(np.ceil(np.nanmax(np.abs(lag), initial=0.0) / self.span)) + 2
