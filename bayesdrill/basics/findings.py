@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 class Finding:
     """A finding is something that looks wrong, with the names and numbers for its sentence.
 
-    kind: the key of its sentence names: names, units and parts, by their placeholders in the
-    sentence numbers: numbers, by their placeholders in the sentence rows: several numbers of each
-    unknown, or of each ensemble
+    kind: the key of its sentence
+    names: names, units and parts, by their placeholders in the sentence
+    numbers: numbers, by their placeholders in the sentence
+    rows: several numbers of each unknown, or of each ensemble
     """
 
     kind: str

@@ -90,7 +90,9 @@ def assemble(case: ResolvedCase, files: Files | None = None) -> Job:
         raise InputError(unsteady or [source.issue(("parameters",), message)])
     rms = float(posterior.likelihood.mean_square(start[None])[0]) ** 0.5
     if rms > MAX_START_DISTANCE:
-        message = f"the start is {rms:.2g} times the noise off the record; check values and units"
+        message = (
+            f"the start is {rms:.2g} times the noise away from the record; check values and units"
+        )
         raise source.error(("parameters",), message)
     if case.config.sampler.likelihood == "compressed":
         reasons = filter(None, (each.exact_reason for each in problem.observations))

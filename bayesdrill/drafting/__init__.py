@@ -1,5 +1,5 @@
-"""Draft a first config for a record that nobody has described, from its names and sizes.
+"""Draft a first config for a record without a description, from its names and sizes.
 
-`columns` reads heads, `signals` finds the clock, `sensors` and `roles` identify each column, and `draft`
-writes the config. Each guess has its reason. Nothing here is used once a config exists.
+`columns` reads headers, `signals` finds the clock, `sensors` and `roles` identify each column, and
+`draft` writes the config. Each guess has its reason. Nothing here is used once a config exists.
 """

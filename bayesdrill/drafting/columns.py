@@ -1,4 +1,4 @@
-"""Read the columns of a file and the kind, location and unit in their heads, in several languages."""
+"""Read the columns of a file, and the kind, location and unit in their headers (many languages)."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.output_files import MOST_GUESSED
 from bayesdrill.record.formats.table import RecordTable
 
-MAX_LETTERS = 200  # longer heads and units are not read
+MAX_LETTERS = 200  # longer headers and units are not read
 ROTOR, GEARBOX, MOTOR, TWIST = "rotor 1", "gearbox", "motor", "twist"
 
-# Spellings in heads, without blanks and in lower case, by kind and unit; the first unit is in SI.
+# Spellings in headers, without blanks and in lower case, by kind and unit; the first unit is in SI.
 _UNITS_OF_KIND = {
     "angle": {
         "rad": "rad radian radians",
@@ -88,7 +88,7 @@ _GREEK = str.maketrans({"θ": "theta ", "φ": "phi ", "ϕ": "phi ", "ω": "omega
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """The meaning of a column is what its head says; entries are empty if the head says nothing."""
+    """The meaning of a column is that of its header; entries are empty if the header has none."""
 
     kind: str = ""
     location: str = ""
@@ -98,7 +98,7 @@ class Meaning:
     symbol: str = ""  # of a state
     kind_word: str = ""  # the word that shows the kind
     is_reversed: bool = False  # positive values are negative ones of the state
-    is_given: bool = False  # by the user, not by the head
+    is_given: bool = False  # by the user, not by the header
 
 
 _ALIKE = {"position": "angle", "velocity": "speed", "force": "torque"}  # kinds that share words
@@ -125,7 +125,7 @@ STATES = {
 
 
 def parse_head(head: str, unit_below: str = "") -> Meaning:
-    """Return the meaning of a column's head and the unit in a row below it; a long head has none."""
+    """Return the meaning of a header and of the unit in a row below it; a long header has none."""
     if max(len(head), len(unit_below)) > MAX_LETTERS:
         return Meaning()
     base, unit, unknown_unit = _split_unit(head)
@@ -173,7 +173,7 @@ def kind_of(unit: str) -> str:
 
 
 def _split_unit(head: str) -> tuple[str, str, str]:
-    """Return name, unit and unknown unit of heads like `n [rpm]`, `w (rad/s)`, `n / rpm`, `n in rpm`."""
+    """Return name, unit and unknown unit of headers: `n [rpm]`, `w (rad/s)`, `n / rpm`, `n in rpm`."""
     text = head.strip()
     match = re.fullmatch(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]", text)
     match = match or re.fullmatch(r"(.*?\S)(?:\s+/\s+|\s+in\s+)(\S+)", text)
@@ -440,7 +440,7 @@ def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -
 def _named_by_file(table: RecordTable, columns: list[FileColumn]) -> list[FileColumn]:
     """Return the columns; a single one without a kind gets its meaning from the file's name."""
     signals = [c for c in columns if c.meaning.kind != "time" and len(c.values) >= MIN_SAMPLES]
-    if len(signals) == 2 == len(columns) and not signals[0].meaning.kind:  # a time without a head
+    if len(signals) == 2 == len(columns) and not signals[0].meaning.kind:  # a time without a header
         signals = [column for column in signals if not column.is_even]
     named = parse_head(table.path.stem)
     if len(signals) != 1 or signals[0].meaning.kind or not named.kind:
@@ -449,7 +449,7 @@ def _named_by_file(table: RecordTable, columns: list[FileColumn]) -> list[FileCo
     return [dataclasses.replace(c, meaning=meaning) if c is signals[0] else c for c in columns]
 
 
-# What a column of each kind may be, in an example of `--columns`; those of motion come first.
+# Meanings of columns by kind, in an example of `--columns`; those of motion come first.
 _EXAMPLES = {
     "speed": "w_2 [rpm]",
     "angle": "theta_2 [deg]",
@@ -510,7 +510,7 @@ def _meaning(name: str, unit_below: str) -> Meaning:
 
 
 def _number(table: RecordTable, name: str, position: int) -> int | None:
-    """Return the number of a text column without a unique head; None if its name addresses it."""
+    """Return the number of a text column without a unique header; None if its name addresses it."""
     if table.lines is None:
         return None
     if match := re.fullmatch(r"\(column (\d+)\)", name):

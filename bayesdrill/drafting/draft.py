@@ -105,7 +105,7 @@ def _experiments(context: DraftContext) -> list[str]:
         lines += _experiment(context, record)
     doubt = "the experiments share sensors, with one noise, one offset and one lag"
     doubt += "; remove a name if each experiment has its own"
-    # Unknowns of the sensors are shared; times of steps made by hand differ.
+    # Unknowns of the sensors are shared; times of manual steps differ.
     shared = ["t_0"] if context.has_measured_input else []
     if context.voltage is None and context.lead.roles.v and not entries.constant_voltages(context):
         shared.append("offset_v")
@@ -350,9 +350,9 @@ def _findings(
     describe: Callable[[Iterable[Finding]], Sequence[str]],
     inputs: Collection[str],
 ) -> tuple[str, ...]:
-    """Return sentences on the records before any model, with the experiments that each is of.
+    """Return sentences on the records before any model, each with its experiments.
 
-    Findings on inputs that nobody gave, for which a number stands in, are left out.
+    Findings on inputs that were not given, and are replaced by a number, are left out.
     """
     said: dict[str, list[str]] = {}
     for observation in problem.observations:

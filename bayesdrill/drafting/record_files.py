@@ -118,7 +118,7 @@ def _understand(
         try:
             assigned = trains.assign_train(known, segment.dt)
         except InputError as error:
-            message = f"no train can be made of these names: {error}. Call its inertias otherwise"
+            message = f"these names give no train: {error}. Rename its inertias"
             raise InputError.at("--columns", message) from None
     else:
         voltage = given.voltage is not None

@@ -48,7 +48,7 @@ OF_COLUMN = ("file", "time", "column", "variable", "unit", "mask", "wraps", "noi
 
 # A known sigma may be wrong by this factor, and the end of a log-uniform prior is moved by it.
 WIDER = 10.0
-MAX_LAG_SAMPLES = 20  # largest lag that is sought, in samples
+MAX_LAG_SAMPLES = 20  # largest lag of a search, in samples
 # With fast samples, the largest lag is this time [s], or this share of the record if that is less.
 MAX_LAG, LAG_SHARE = 0.1, 0.05
 MAX_LAG_SHARE = 0.1  # no lag is larger than this share of the record, as it would hide too much
@@ -57,7 +57,7 @@ QUARTER = 0.25  # prior scale of a missing torque, over the size of everything e
 SLOWEST = 1e-3  # smallest scale of speeds for static friction, over the largest speed
 # The time of a missing torque is at least this number of samples, and at most the record over it.
 TIME_PARTS = 3.0
-MIN_EFFICIENCY = 0.3  # smallest efficiency of a gear that is sought
+MIN_EFFICIENCY = 0.3  # smallest efficiency of a gear in a search
 DRAG_MARGIN = 4.0  # largest drag over the one that acts as strongly as all else
 HOLDING = 4.0  # largest friction at rest over the friction that acts as strongly as all else
 # Friction with friction at rest is sought from these shares of its largest size, sliding and at rest,
@@ -462,7 +462,7 @@ class Setting:
         return all(names) and {*names} <= {*model.offers} - {*model.parameters}
 
     def _passes_on(self, inertia: InertiaRoles) -> bool:
-        """Return whether a load is behind the gear, and no inertia turning with it has friction."""
+        """Return whether a load is behind the gear, and no other inertia with its speed has friction."""
         model = self.job.problem.model
         roles, has = model.roles, {*model.parameters}
         joined = [i for i in roles.inertias if i.speed == inertia.speed and i is not inertia]
@@ -538,7 +538,7 @@ class Setting:
                 yield Change(f"{TORQUE}{i.name}", f"a missing {roles.motion.torque} {i.at}", lines)
 
     def _noise(self, *, remembers: bool) -> Entries:
-        """Return lines that free the noise of each channel, with memory if it `remembers`.
+        """Return lines that free the noise of each channel, which is correlated if it `remembers`.
 
         A sigma that is given once for all experiments becomes one unknown.
         """

@@ -65,7 +65,7 @@ class Findings(Value):
     profiles : tuple of Profile
         The profile likelihoods of the requested parameters, in SI.
     moment : InputTiming or None
-        A shift of half a sample that seems to exist between record and input.
+        The shifts of unknowns if the inputs act half a sample later; None if this is unknown.
     point : StudyPoint
         The point at which the sensitivities are evaluated.
     reasons : tuple of str

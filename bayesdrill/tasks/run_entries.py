@@ -62,16 +62,16 @@ class RunRecord:
     form: the version of this record
     units: SI units of the unknowns, by name
     converged: whether all targets of the sampler are met
-    reasons: why the result must not be believed; empty where it may be
+    reasons: reasons not to believe the result; empty if there are none
     notes: sentences on priors, record and rig
-    verdict: what the run says of the nominal table [sigma]
-    evidence: how probable the record is under the model [natural log]
-    missed: about how much of the posterior the proposal hardly ever reaches
-    compression: how the compressed likelihood of long records compares with the exact one
+    verdict: verdict on the nominal table [sigma]
+    evidence: log probability of the record under the model [natural log]
+    missed: estimated share of the posterior that the proposal hardly ever reaches
+    compression: comparison of the compressed likelihood of long records with the exact one
     maxima: maxima of the posterior, and the share of each [SI]
-    importance: posterior means that the proposal gives without a chain [SI]
-    analysis: all that is said of the run, evaluated once; null where another version has written it
-    analysis_of: a digest of what the analysis was made of
+    importance: posterior means from weighted draws of the proposal, without a chain [SI]
+    analysis: analysis of the run, evaluated once; null if another version has written it
+    analysis_of: digest of the inputs of the analysis
     """
 
     form: int = FORM

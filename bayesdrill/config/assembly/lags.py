@@ -82,6 +82,6 @@ def check_lag(lag: ParsedNumber, experiment: Experiment) -> None:
     if not max(abs(low), abs(high)) < duration:
         raise ValueError(
             f"lags from {low:.4g} to {high:.4g} s are allowed, and the record has "
-            f"{duration:.4g} s: what it shows would be no answer to its inputs; check the unit, or "
-            "narrow the prior"
+            f"{duration:.4g} s: the channel would not respond to inputs of the record; check the "
+            "unit, or narrow the prior"
         )

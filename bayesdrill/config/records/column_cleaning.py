@@ -90,7 +90,7 @@ def unwrap(sources: Sources, column: RecordColumn) -> RecordColumn:
         with suppress(ValueError):  # the unit is not that of an angle
             period = 2 * math.pi / units.factor(column.spec.unit, "rad")
     if not period > 0:
-        way_out = "say after how much it begins again, for example `wraps: 360`"
+        way_out = "give the period, for example `wraps: 360`"
         sources.add((*column.location, "wraps"), f"{column.name} is no angle; {way_out}")
         return column
     rows = np.flatnonzero(~np.isnan(column.values))

@@ -276,7 +276,7 @@ class _Reader:
             instead=f", or {way_out}" if np.isnan(numbers).any() else "",
         )
         if said := units.other_unit(str(spec.column), spec.unit):
-            text = f"unit: the head of {spec.column!r} says {said}, and the config {spec.unit}"
+            text = f"unit: the header of {spec.column!r} says {said}, and the config {spec.unit}"
             do = f"; correct `unit:` at {'.'.join(map(str, location))}, or rename the column"
             self._sources.anomalies.append(Anomaly(text=text, where=(), do=do))
         column = RecordColumn(location, spec, clock, unmasked)

@@ -326,7 +326,7 @@ def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:
         f"{', '.join(experiment.names)}: filtered and decimated, one sample of {factor} is left "
         f"({len(decimation.samples)} of {len(experiment.t)}). The filter is a zero-phase FIR of {taps} "
         f"samples, half of the amplitude at {half:.6g} Hz. {taps // 2} samples at either end are "
-        f"dropped. The filter took away (sd) {removed}. Sigma is the noise after the "
+        f"dropped. The filter removed (sd) {removed}. Sigma is the noise after the "
         "filter; the model is not filtered"
     )
     return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, note))

@@ -59,9 +59,7 @@ class MissingTorqueSpec(Strict):
     size: SigmaSpec = Field(
         description="Standard deviation of the torque [N m]: a number or a prior."
     )
-    time: SigmaSpec = Field(
-        description="Time after which the torque is forgotten [s]: a number or a prior."
-    )
+    time: SigmaSpec = Field(description="Correlation time of the torque [s]: a number or a prior.")
 
 
 Searches = Annotated[int, Field(ge=1, le=1000)]

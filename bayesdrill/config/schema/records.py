@@ -318,13 +318,13 @@ class Initial(NamedSection):
     """Time [s]; default: 0 with constant inputs, the first sample with measured ones."""
     state: Literal["given", "steady", "free"] = Field(
         "given",
-        description="State of what is not named. given: zero; steady: the rig turns steadily "
+        description="Other states. given: zero; steady: the rig turns steadily "
         "under the first inputs; free: unknown, with priors as wide as the channels.",
     )
 
 
 class ExperimentSpec(Strict):
-    """One of several experiments has own entries; all others are at the top of the config."""
+    """One of several experiments has entries of its own; all others are at the top of the config."""
 
     record: dict[str, Any] = Field(default_factory=dict, description="Entries as in `record:`.")
     inputs: dict[str, Any] = Field(default_factory=dict, description="Entries as in `inputs:`.")

@@ -28,7 +28,7 @@ def test_a_head_that_contradicts_the_unit_of_its_column_is_named(tmp_path: Path)
     save(tmp_path, "r.csv", t=T, w=SPEED, **{"supply [mV]": 1e3 * SUPPLY})
     (anomaly,) = read_measured(tmp_path, v='{column: "supply [mV]", unit: V}').odd
     assert anomaly.in_words(1) == (
-        "unit: the head of 'supply [mV]' says mV, and the config V; correct `unit:` at inputs.v, or "
+        "unit: the header of 'supply [mV]' says mV, and the config V; correct `unit:` at inputs.v, or "
         "rename the column"
     )
     assert read_measured(tmp_path, v='{column: "supply [mV]", unit: mV}').odd == ()
