@@ -100,9 +100,9 @@ def unwrap(sources: Sources, column: RecordColumn) -> RecordColumn:
         at = int(rows[doubtful[0]])
         message = (
             f"{column.name} jumps by {x[doubtful[0]] - x[doubtful[0] - 1]:.6g} at "
-            f"{column.clock.where(at)} ({len(doubtful)} such jumps), nearly half of {period:.6g}: it "
-            "cannot be told which way it went; mask these rows (mask: {rows: ...}), or record at a "
-            "higher rate"
+            f"{column.clock.where(at)} ({len(doubtful)} such jumps), nearly half of {period:.6g}: "
+            "its direction is ambiguous; mask these rows (mask: {rows: ...}), or record at a higher "
+            "rate"
         )
         sources.add((*column.location, "wraps"), message)
         return column
