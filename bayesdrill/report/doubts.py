@@ -195,7 +195,7 @@ def describe_timing(moment: InputTiming | None) -> Iterable[str]:
     width = 2 * moment.seconds
     yield (
         f"timing: if the inputs act half a sample ({1e3 * moment.seconds:.3g} ms) later than recorded, "
-        f"values are off, which residuals may not show: {named} of their sds. If that is possible, "
+        f"these values shift, in sds: {named}. Residuals may not show it. If that is possible, "
         f"add `inputs: {{t_0: {{prior: uniform, low: -{width:.3g}, high: {width:.3g}}}}}`."
     )
 

@@ -137,9 +137,9 @@ def of_mode(rows: Sequence[ModeRow]) -> Table:
 
 
 MEANING: Mapping[Word, str] = {
-    "determined": "the record, with what is believed of the others, narrows the prior to less than half",
+    "determined": "the record, with the priors of the others, narrows the prior to less than half",
     "weak": "the record narrows the prior, but to no less than half",
-    "through others": "narrower than the prior only by the priors of others: the record knows ratios",
+    "through others": "narrower only by the priors of other unknowns: the record determines ratios",
     "prior only": "the posterior is just the prior: this record does not determine it",
 }
 
