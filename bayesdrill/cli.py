@@ -20,7 +20,7 @@ from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_
 
 
 class _Guarded(TyperGroup):
-    """Run all commands, and end mistakes, also those of help and version, in a message and a status."""
+    """Run all commands; any mistake, also in help and version, ends with a message and a status."""
 
     def make_context(self, *arguments: Any, **named: Any) -> Any:
         with guarded():
@@ -80,7 +80,7 @@ def _tell_version(wanted: bool) -> None:
 
 
 def _read(config: Path, read: str = "load", **more: Any) -> Any:
-    """Read a config by a function of the package; a terminal says so first, for libraries load."""
+    """Read a config by a function of the package; a terminal says so first, as libraries load."""
     watched = sys.stderr is not None and sys.stderr.isatty()
     with reporter() if watched else nullcontext(SILENT) as report:
         report.update(0.0, f"reading {config}")
@@ -174,7 +174,7 @@ def init(
     ] = False,
     force: Annotated[bool, option("Overwrite a config.", "--force")] = False,
 ) -> None:
-    """Look at records and write a first config for them, with every guess marked and its reason."""
+    """Write a first config for records, in which each guess is marked and has its reason."""
     known: dict[str, Any] = {"voltage": voltage, "gear": gear, "rate": rate, "sheet": sheet}
     known |= {"split": split, "force": force}
     say(str(bd.init(records, output, rig=rig, columns=columns or (), **known)))
@@ -190,7 +190,7 @@ def check(
         Path | None, option("Draw the record over time into such a file.", metavar="FILE")
     ] = None,
 ) -> None:
-    """Validate config and record, or all of a campaign, and say what would run; samples nothing."""
+    """Validate a config and its record, or a campaign, and describe the run; samples nothing."""
     from bayesdrill.api.campaign import is_campaign
 
     if is_campaign(config):
@@ -227,7 +227,7 @@ def identify(
     ] = False,
     processes: Processes = None,
 ) -> None:
-    """Say what this record can and cannot determine, and what would help; samples nothing."""
+    """Predict what a record can and cannot determine, and what would help; samples nothing."""
     case = _read(config)
     if output is not None:
         case.check_place(output, force=force)
@@ -247,27 +247,34 @@ def design(
     learn: Annotated[
         str,
         option(
-            "Parameters or formulas to learn, with commas; default: all that can be.",
+            "Parameters or formulas to learn, separated by commas; default: all possible.",
             metavar="NAMES",
         ),
     ] = "",
     tell: Annotated[
         Path | None,
-        option("Another config, from whose model the experiment is to tell.", metavar="CONFIG"),
+        option(
+            "Another config, whose model the experiment is to distinguish from this one.",
+            metavar="CONFIG",
+        ),
     ] = None,
     drive: Annotated[
         str | None, option("The input that is driven.", "--input", metavar="NAME")
     ] = None,
-    low: Annotated[float | None, option("Least level, SI; default: of the record.")] = None,
-    high: Annotated[float | None, option("Greatest level, SI; default: of the record.")] = None,
-    hold: Annotated[float | None, option("Time of each level [s]; default: 1/40 of all.")] = None,
-    duration: Annotated[float | None, option("Length [s]; default: of the record.")] = None,
-    rate: Annotated[float | None, option("Of the record [Hz]; default: as recorded.")] = None,
+    low: Annotated[float | None, option("Lowest level, SI; default: that of the record.")] = None,
+    high: Annotated[float | None, option("Highest level, SI; default: that of the record.")] = None,
+    hold: Annotated[
+        float | None, option("Time of each level [s]; default: a 40th of the duration.")
+    ] = None,
+    duration: Annotated[float | None, option("Duration [s]; default: that of the record.")] = None,
+    rate: Annotated[
+        float | None, option("Sampling rate [Hz]; default: that of the record.")
+    ] = None,
     slew: Annotated[float | None, option("Largest change of the source, SI per s.")] = None,
     limit: Annotated[
         list[str] | None,
         option(
-            "Of a formula of states, SI, such as w_2=0: or 'integral(r_m*i**2)=:50'.",
+            "Limits of a formula of states, SI, such as w_2=0: or 'integral(r_m*i**2)=:50'.",
             metavar="FORMULA=LOW:HIGH",
         ),
     ] = None,
@@ -276,14 +283,14 @@ def design(
     ] = None,
     experiments: Annotated[int, option("The number of coming experiments.", min=1, max=9)] = 1,
     draws: Annotated[
-        int, option("Draws of prior or posterior over which it is averaged.", min=1, max=64)
+        int, option("Draws of prior or posterior over which the design is averaged.", min=1, max=64)
     ] = 8,
     output: Annotated[
         Path | None, output_option("Folder for waveform, config and figure; default: print only.")
     ] = None,
     force: Annotated[bool, option("Overwrite a design.", "--force")] = False,
 ) -> None:
-    """Design the next experiment: the waveform that tells most within the limits, and its promise."""
+    """Design the next experiment: the most informative waveform within limits, and its accuracy."""
     planner = bd.open(source) if source.is_dir() else _read(source)
     if output is not None:
         planner.check_design_place(output, force=force)
@@ -317,7 +324,7 @@ def map_(
     ] = None,
     processes: Processes = None,
 ) -> None:
-    """Search the maximum of the posterior (MAP), print it, and rank what would explain a bad fit."""
+    """Find the maximum of the posterior (MAP), print it, and rank possible causes of a bad fit."""
     if quick and apply is not None:
         raise InputError.at("--apply", "needs the candidates that --quick leaves out")
     case = _read(config)
@@ -374,7 +381,7 @@ def calibrate(
     processes: Processes = None,
     scheduler: Scheduler = None,
 ) -> None:
-    """Test the posterior of a config: refit simulated records, and see where the truth ranks."""
+    """Test the posterior of a config: refit simulated records, and rank the true values."""
     options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
     done = _run("calibration", config, output, **options)
     files = "report.html, summary.md, figures/, ranks.csv"
@@ -396,7 +403,7 @@ def report(
     ] = False,
     processes: Processes = None,
 ) -> None:
-    """Make tables and figures again from a stored chain; show several runs over each other."""
+    """Make tables and figures again from a stored chain, or overlay several runs."""
     if len(folders) > 1:
         _compare("overlay", folders, output, force=force)
         return
@@ -450,7 +457,7 @@ def campaign(
     seed: Annotated[int | None, option("Default: the campaign's.", min=0)] = None,
     page: Annotated[
         list[str] | None,
-        option("Make the page of a run, or of all `outliers`, and go on.", metavar="RUN"),
+        option("Make the page of a run, or of all `outliers`, and continue.", metavar="RUN"),
     ] = None,
     processes: Processes = None,
     scheduler: Scheduler = None,
@@ -474,7 +481,7 @@ def watch(
     processes: Processes = None,
     scheduler: Scheduler = None,
 ) -> None:
-    """Take up new runs of a campaign as their files come; alarms are lines of JSON on stdout."""
+    """Add new runs to a campaign as their files arrive; alarms are lines of JSON on stdout."""
     options: dict[str, Any] = {"processes": processes, "scheduler": scheduler}
     with reporter() as report:
         alarms = bd.watch(campaign, output, once=once, interval=interval, report=report, **options)
@@ -484,7 +491,7 @@ def watch(
 
 @command("verify results/nominal_step")
 def verify(folder: Annotated[Path, folder_argument("Folder of a finished run.")]) -> None:
-    """Say whether config, record, tables and figures of a run still belong together."""
+    """Verify that config, record, tables and figures of a run still belong together."""
     verification = bd.verify(folder)
     say(verification.said, err=not verification.together)
     if not verification.together:
@@ -500,7 +507,7 @@ def simulate(
     seed: Annotated[int | None, option("Default: the config's.", min=0)] = None,
     force: Annotated[bool, option("Overwrite simulated records.", "--force")] = False,
 ) -> None:
-    """Simulate a record, one for each experiment, or all of a campaign: response plus noise, as CSV."""
+    """Simulate the record of a config, or all records of a campaign: response plus noise, as CSV."""
     simulated = bd.simulate(config, output, seed=seed, force=force)
     say(simulated.said)
 
@@ -540,7 +547,7 @@ def cite() -> None:
 
 @command("cache --clear")
 def cache(clear: Annotated[bool, option("Remove all kernels.", "--clear")] = False) -> None:
-    """Say where compiled kernels are kept for later commands, and how large they are."""
+    """Print where compiled kernels are kept for later commands, and their size."""
     from bayesdrill.api import files
 
     say(files.cache(clear=clear))
