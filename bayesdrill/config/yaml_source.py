@@ -20,6 +20,7 @@ MAX_ENTRIES = 5000  # an alias counts as the entries that it repeats
 MAX_KEY_LENGTH = 100  # in letters
 MAX_VALUE_LENGTH = 2000
 MAX_NUMBER_LENGTH = 40
+RECORD_ENDINGS = (".csv", ".mat")  # of files that are given by mistake in the place of a config
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +64,9 @@ def read(path: Path) -> Source:
     except (OSError, ValueError) as error:  # a NUL in the path raises ValueError
         reason = getattr(error, "strerror", None) or error
         raise InputError.at(str(path), f"cannot be read: {reason}") from None
+    if path.suffix.lower() in RECORD_ENDINGS:
+        message = "is a record, and no config; `bayesdrill init` writes a config for it"
+        raise InputError.at(str(path), message)
     if len(raw) > MAX_BYTES:
         message = f"holds more than {MAX_BYTES // 1000} kB, which no config needs; name a config"
         raise InputError.at(str(path), message)

@@ -77,8 +77,8 @@ def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
         train=plain,
         gear=1.0,
         gear_reason="",
-        gear_doubt="inertias are in the order of their columns, each joined to the next. Correct what "
-        "is otherwise (a gear is `gears: {box: {between: [motor, load], ratio: 0.1}}`)",
+        gear_doubt="inertias are in the order of their columns, and a shaft joins each to the next. "
+        "Correct this if necessary (a gear is `gears: {box: {between: [motor, load], ratio: 0.1}}`)",
         unused=unused,
     )
 
@@ -141,8 +141,8 @@ def model_lines(train: Train) -> list[str]:
 
 
 HELD_SCALE = (
-    "nothing that is measured shows its scale: held at one, so that inertias, dampings and "
-    "stiffnesses are over it. Write what a data sheet says"
+    "no measured signal shows its scale, so it is held at one: inertias, damping and stiffness are "
+    "divided by it. Write its value if a data sheet has it"
 )
 
 

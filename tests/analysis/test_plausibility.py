@@ -54,8 +54,10 @@ def draws(n: int = 50, **changes: float) -> np.ndarray:
 
 
 def test_a_motor_that_gives_more_than_it_takes_is_named() -> None:
-    """But not blamed where the record cannot show the ratio of its constants."""
+    """But not blamed where the record cannot show the ratio of its constants, nor for mere starts."""
     assert kinds(problem()) == ["energy"]
+    known = {name: value for name, value in NOMINAL.items() if name not in ("k_T", "k_e")}
+    assert kinds(dataclasses.replace(problem(), nominal=known)) == []
     assert kinds(problem(k_T=IDEAL)) == kinds(problem(k_T=0.5 * IDEAL)) == []
     (text,) = finding_sentences(plausibility.plausibility_of_draws(problem(), draws(), SEEN))
     assert "100 % of the draws (median ratio 1.99)" in text

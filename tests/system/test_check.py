@@ -142,3 +142,9 @@ def test_a_rig_is_compared_with_the_table_that_it_asks_for(
     nominal = loading.load(config).experiments[0].nominal
     assert set(nominal.compared) == compared
     assert name in (None, nominal.name)
+
+
+def test_a_record_in_the_place_of_a_config_is_named_as_one(tmp_path: Path) -> None:
+    command_line.small_config(tmp_path)
+    message = "is a record, and no config; `bayesdrill init` writes a config for it"
+    command_line.assert_refused(cli("check", tmp_path / "small.csv"), message)

@@ -71,5 +71,5 @@ def format_of(path: Path) -> str:
     ending = f"the ending {suffix!r} is unknown" if suffix else "the file name has no ending"
     guess = did_you_mean(suffix, endings) if suffix else ""
     hint = _OTHERS.get(suffix) or (guess if guess.startswith("; did") else "")
-    known = f"read are {', '.join(endings)}, or write format: {' or '.join(FORMATS)}"
+    known = f"files with {', '.join(endings)} are read; or write format: {' or '.join(FORMATS)}"
     raise InputError.at(str(path), f"{ending}{hint}; {known}")
