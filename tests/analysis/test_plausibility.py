@@ -57,7 +57,7 @@ def test_a_motor_that_gives_more_than_it_takes_is_named() -> None:
     """But not blamed where the record cannot show the ratio of its constants, nor for mere starts."""
     assert kinds(problem()) == ["energy"]
     known = {name: value for name, value in NOMINAL.items() if name not in ("k_T", "k_e")}
-    assert kinds(dataclasses.replace(problem(), nominal=known)) == []
+    assert kinds(dataclasses.replace(problem(), nominal=known, published=frozenset())) == []
     assert kinds(problem(k_T=IDEAL)) == kinds(problem(k_T=0.5 * IDEAL)) == []
     (text,) = finding_sentences(plausibility.plausibility_of_draws(problem(), draws(), SEEN))
     assert "100 % of the draws (median ratio 1.99)" in text
@@ -215,4 +215,4 @@ def test_an_evidence_has_the_digits_that_are_known_and_what_makes_it_doubtful() 
     stepped = dataclasses.replace(ROUGH, steps=-0.41, steps_error=0.29)
     text = evidence_sentences(stepped, (), converged=True)
     assert "of which -0.41 +- 0.3 for the error of its steps" in text
-    assert "ROUGH: the steps of the rig are long for it" in text
+    assert "ROUGH: the time steps of the rig are too long" in text

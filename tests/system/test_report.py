@@ -223,7 +223,7 @@ def test_a_notebook_has_every_number_by_name(finished: Path) -> None:
         assert all(RunAnalysis.describe(field) for field in as_data(analysis))
         assert analysis.numbers["unknowns.k_e.mean"] == analysis.unknowns[0].mean
         assert RunAnalysis.describe("evidence.log_z") == (
-            "how probable the record is under the model [natural log]"
+            "log probability of the record under the model [natural log]"
         )
         assert run_json(finished / name)["analysis"] == as_data(analysis)
 
