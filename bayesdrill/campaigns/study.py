@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +16,8 @@ from bayesdrill.basics.json_records import as_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns import fits, pages
 from bayesdrill.campaigns.conclusion import CampaignRecord, concluded
-from bayesdrill.campaigns.draws import CampaignDraws
-from bayesdrill.campaigns.fit import MIN_RUNS, fit_population
+from bayesdrill.campaigns.draws import CampaignDraws, FittedRun
+from bayesdrill.campaigns.fit import MIN_RUNS, PopulationFit, fit_population
 from bayesdrill.campaigns.fits import CheckedCampaign, Reference
 from bayesdrill.campaigns.population import NominalRange, PopulationSettings
 from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs, digest_of
@@ -131,54 +131,73 @@ def _publish(
     report: Reporter,
 ) -> CampaignOutcome:
     """Sample the population of the fitted runs, and write all tables and pages."""
-    plan, marks = campaign.plan, campaign.marks
-    kept = {run.name: fitted for run, fitted in fits.kept_draws(campaign, folder.path)}
-    not_used = {
-        name: (*fitted.reasons, fits.BEYOND)[0]
-        for name, fitted in kept.items()
-        if not fitted.usable
-    }
-    usable = {name: fitted for name, fitted in kept.items() if name not in not_used}
-    if len(usable) < MIN_RUNS:
-        raise _too_few(plan, len(usable), [*itertools.starmap(Issue, not_used.items()), *problems])
-    campaign, fitted_runs = fits.determined_products(campaign, usable)
-    used = [(run, fitted_runs[run.name]) for run in plan.runs if run.name in usable]
-    runs, fitted = zip(*used, strict=True)
-    draws = CampaignDraws(products=campaign.reference.products, runs=runs, fits=fitted)
-    settings = PopulationSettings(nominal=_nominal(campaign.job, campaign.reference))
-    decisive = [
-        (run.name, run.rig, run.time, dict(run.noted), marks[run.name], each.attempt)
-        for run, each in used
-    ]
-    mark = digest_of(repr((draws.products, settings, plan.spec.seed, decisive)))
-    before = kept_record(folder.path)
-    if before is not None and before.mark == mark:
-        population = before.population
-    else:
-        rng = seeds.stream(plan.spec.seed, "campaign", 1)
-        population = fit_population(draws, settings, rng, report)
+    campaign, fitted, not_used = _usable_runs(campaign, folder.path, problems)
+    population, mark = _population(campaign, fitted, folder.path, report)
     outcomes = {outcome.name: outcome for outcome in population.runs}
-    for run, _ in used:
+    for run in (run for run in campaign.plan.runs if run.name in fitted):
         outcome = outcomes[run.name]
         if run.name in asked or (outcome.outlier and OUTLIERS in asked):
             pages.write_run(campaign, run, outcome, folder, crew, report)
     for name in {*asked} - {*outcomes, OUTLIERS}:
         report.say(f"{name} has no page, as none of its draws can be used")
-    reasons = pages.known_reasons(folder.path, {name: marks[name] for name in outcomes})
     not_used |= {issue.place: issue.message for issue in problems}
-    doubts, misfit = (
-        {run.name: each for run, fitted in used if (each := getattr(fitted, name))}
-        for name in ("reasons", "misfit")
-    )
-    left_out = campaign.reference.left_out
     record = concluded(
-        plan.spec.name, mark, population, left_out, not_used, doubts, misfit, reasons
+        campaign.plan.spec.name,
+        mark,
+        population,
+        campaign.reference.left_out,
+        not_used,
+        {name: run.reasons for name, run in fitted.items() if run.reasons},
+        {name: run.misfit for name, run in fitted.items() if run.misfit},
+        pages.known_reasons(folder.path, {name: campaign.marks[name] for name in outcomes}),
     )
     pages.write_campaign(campaign, record, folder)
     folder.write_text(RECORD, output_files.dumps_checksummed({"form": FORM, **as_data(record)}))
     folder.write_run(status="finished", files=folder.digests())
     said, why_not = pages.screen(record), (*record.unbelievable, *not_used.values())
     return CampaignOutcome(folder=folder.path, record=record, said=said, reasons=why_not)
+
+
+def _usable_runs(
+    campaign: CheckedCampaign, folder: Path, problems: Sequence[Issue]
+) -> tuple[CheckedCampaign, Mapping[str, FittedRun], dict[str, str]]:
+    """Return the campaign with its determined products, runs with draws, and why others have none.
+
+    Raises `InputError` if too few runs have draws.
+    """
+    kept = {run.name: fitted for run, fitted in fits.kept_draws(campaign, folder)}
+    usable = {name: fitted for name, fitted in kept.items() if fitted.usable}
+    not_used = {
+        name: (*fitted.reasons, fits.BEYOND)[0]
+        for name, fitted in kept.items()
+        if not fitted.usable
+    }
+    if len(usable) < MIN_RUNS:
+        reasons = [*itertools.starmap(Issue, not_used.items()), *problems]
+        raise _too_few(campaign.plan, len(usable), reasons)
+    return *fits.determined_products(campaign, usable), not_used
+
+
+def _population(
+    campaign: CheckedCampaign, fitted: Mapping[str, FittedRun], folder: Path, report: Reporter
+) -> tuple[PopulationFit, str]:
+    """Return the population of the runs, which may be kept, and the mark of all that decides it."""
+    runs = tuple(run for run in campaign.plan.runs if run.name in fitted)
+    products, seed = campaign.reference.products, campaign.plan.spec.seed
+    settings = PopulationSettings(nominal=_nominal(campaign.job, campaign.reference))
+    decisive = [
+        (r.name, r.rig, r.time, dict(r.noted), campaign.marks[r.name], fitted[r.name].attempt)
+        for r in runs
+    ]
+    mark = digest_of(repr((products, settings, seed, decisive)))
+    before = kept_record(folder)
+    if before is not None and before.mark == mark:
+        return before.population, mark
+    draws = CampaignDraws(
+        products=products, runs=runs, fits=tuple(fitted[run.name] for run in runs)
+    )
+    rng = seeds.stream(seed, "campaign", 1)
+    return fit_population(draws, settings, rng, report), mark
 
 
 def kept_record(folder: Path) -> CampaignRecord | None:

@@ -25,7 +25,7 @@ from bayesdrill.drafting import entries, record_files, roles, trains
 from bayesdrill.drafting.columns import MOTIONS, MOTOR, ROTOR, TWIST, grouped
 from bayesdrill.drafting.entries import REVIEW, DraftContext, comment, review, scalar
 from bayesdrill.drafting.record_files import GivenFacts, RecordFile
-from bayesdrill.drafting.roles import StartGuess
+from bayesdrill.drafting.record_start import StartGuess, guess_start
 from bayesdrill.drafting.signals import Sensor
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.rig.models.linear import Model, with_named
@@ -390,7 +390,7 @@ def _start(record: RecordFile, voltage: float | None) -> StartGuess:
     inputs = [s for name, s in record.roles.inputs.items() if name != "v" or s is v]
     begin = max((s.raw.t[0] for s in inputs if len(s.raw.t)), default=None)
     measured = any(sensor is not v or sensor.varies for sensor in inputs)
-    return roles.guess_start(record.roles, record.segment, measured=measured, inputs_begin=begin)
+    return guess_start(record.roles, record.segment, measured=measured, inputs_begin=begin)
 
 
 def _asks(

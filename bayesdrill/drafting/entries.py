@@ -17,7 +17,8 @@ from bayesdrill.config.records import sources
 from bayesdrill.drafting import roles, signals
 from bayesdrill.drafting.columns import TWIST, FileColumn, grouped
 from bayesdrill.drafting.record_files import RecordFile
-from bayesdrill.drafting.roles import DraftChannel, LagHint, StartGuess
+from bayesdrill.drafting.record_start import StartGuess
+from bayesdrill.drafting.roles import DraftChannel, LagHint
 from bayesdrill.drafting.signals import Sensor, Timing
 from bayesdrill.record import clocks
 

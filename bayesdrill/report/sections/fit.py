@@ -97,37 +97,12 @@ def every_fit(
     `rubbing` has the frictions of each experiment, or is empty.
     """
     clock, full = problem.clock, problem.posterior.space.full(best[None])
-    each, predicted = rubbing or [()] * len(problem.observations), predictive or {}
-    for observation, rubbings in zip(problem.observations, each, strict=True):
-        experiment, courses, constant = observation.experiment, [], []
-        models, rig = observation.predict(full, best[None])[0], observation.response.model
-        loads = {inertia.load for inertia in rig.roles.inertias}
+    rubbing = rubbing or [()] * len(problem.observations)
+    for observation, rubbings in zip(problem.observations, rubbing, strict=True):
+        experiment, models = observation.experiment, observation.predict(full, best[None])[0]
         shown = _shown_samples(observation, models, [rubbing.effort for rubbing in rubbings])
-        for name in (n for n in rig.inputs if n in {*experiment.series, *experiment.constant}):
-            unit = experiment.unit_of_input(name)
-            label = dataclasses.replace(rig.symbols[name], latex_unit=unit.latex)
-            if name in experiment.series:
-                values = experiment.series[name][shown] / unit.factor
-                courses.append(Course(label=label, values=values, straight=experiment.first_order))
-            elif name not in loads or experiment.constant[name]:  # a load of zero is not shown
-                constant.append((label, experiment.constant[name] / unit.factor))
-        sigmas, signals = observation.scales(best[None])[0], []
+        courses, constant = _inputs(observation, shown)
         shares = {row.channel: row.share for row in left if row.experiment == observation.label}
-        for k, channel in enumerate(experiment.channels):
-            unit, name = channel.display_unit, labelled_name(channel.name, observation.label)
-            if (draws := predicted.get(name)) is not None:
-                draws = draws.reshape(-1, draws.shape[-1])[:, shown].astype(float) / unit.factor
-            signals.append(
-                Signal(
-                    dots=np.searchsorted(shown, measured(experiment.y[:, k])),
-                    label=Symbol(channel.name, channel.unit, channel.latex, unit.latex, "channel"),
-                    y=experiment.y[shown, k] / unit.factor,
-                    model=models[shown, k] / unit.factor,
-                    predictive=draws,
-                    sigma=float(sigmas[k]) / unit.factor,
-                    share=shares[channel.name],
-                )
-            )
         rubs = (
             Course(
                 label=effort_symbol(rubbing.friction),
@@ -140,11 +115,55 @@ def every_fit(
         yield Fit(
             t=experiment.t[shown] / clock.factor,
             time=time_symbol(clock),
-            signals=tuple(signals),
-            courses=tuple(courses),
-            constant=tuple(constant),
+            signals=tuple(_channels(observation, best, models, shown, shares, predictive or {})),
+            courses=courses,
+            constant=constant,
             rubs=tuple(rubs),
             label=observation.label,
+        )
+
+
+def _inputs(
+    observation: Observation, shown: Indices
+) -> tuple[tuple[Course, ...], tuple[tuple[Symbol, float], ...]]:
+    """Return the courses of measured inputs, and the constant inputs with their values."""
+    experiment, rig = observation.experiment, observation.response.model
+    courses, constant = [], []
+    loads = {inertia.load for inertia in rig.roles.inertias}
+    for name in (n for n in rig.inputs if n in {*experiment.series, *experiment.constant}):
+        unit = experiment.unit_of_input(name)
+        label = dataclasses.replace(rig.symbols[name], latex_unit=unit.latex)
+        if name in experiment.series:
+            values = experiment.series[name][shown] / unit.factor
+            courses.append(Course(label=label, values=values, straight=experiment.first_order))
+        elif name not in loads or experiment.constant[name]:  # a load of zero is not shown
+            constant.append((label, experiment.constant[name] / unit.factor))
+    return tuple(courses), tuple(constant)
+
+
+def _channels(
+    observation: Observation,
+    best: Array,
+    models: Array,
+    shown: Indices,
+    shares: Mapping[str, float],
+    predictive: Mapping[str, Array],
+) -> Iterator[Signal]:
+    """Yield each channel with its model `(T, K)`, at the samples that are shown."""
+    experiment, sigmas = observation.experiment, observation.scales(best[None])[0]
+    for k, channel in enumerate(experiment.channels):
+        unit = channel.display_unit
+        draws = predictive.get(labelled_name(channel.name, observation.label))
+        if draws is not None:
+            draws = draws.reshape(-1, draws.shape[-1])[:, shown].astype(float) / unit.factor
+        yield Signal(
+            dots=np.searchsorted(shown, measured(experiment.y[:, k])),
+            label=Symbol(channel.name, channel.unit, channel.latex, unit.latex, "channel"),
+            y=experiment.y[shown, k] / unit.factor,
+            model=models[shown, k] / unit.factor,
+            predictive=draws,
+            sigma=float(sigmas[k]) / unit.factor,
+            share=shares[channel.name],
         )
 
 
