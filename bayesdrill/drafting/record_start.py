@@ -1,4 +1,4 @@
-"""Guess how a record begins: at rest, steadily, moving, or let go, and from which time on it is used."""
+"""Guess how a record begins (at rest, steadily, moving or let go), and when its use begins."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bayesdrill.drafting.roles import SensorRoles
 from bayesdrill.drafting.signals import TURNS, Segment, Sensor
 
 FIRST_SAMPLES = 9  # samples from which the first value is fitted
-MIN_AFTER_ZERO = 100  # samples after 0 s, with which earlier ones are cut off
+MIN_AFTER_ZERO = 100  # least samples after 0 s for which earlier ones are cut off
 CLEAR_OF_NOISE = 6.0  # smallest clear value, in sds of the noise
 IMMEDIATE_SHARE = 0.4  # initial over mean speed, above which a rig moved before the record
 STEADY_SAMPLES = 40  # samples that have to be steady
@@ -68,7 +68,7 @@ def guess_start(
     state = ""
     if moving and measured and _begins_steadily(roles):
         state = "steady"
-        doubts.append("the rig turns when the record begins, and all stays as it is for a while")
+        doubts.append("the rig turns when the record begins, steadily for a while")
     elif moving:
         state = "free"
         doubts.append("the rig moves when the record begins: the start is unknown")
@@ -88,7 +88,7 @@ def _window(begin: float | None, t: Array) -> str:
 
 
 def _dead_time(roles: SensorRoles) -> tuple[int, float]:
-    """Return the dead samples between input and speed, and after how many it acts at the latest."""
+    """Return the dead samples between input and speed, and the largest possible number of them."""
     channels, inputs = [channel.sensor for channel in roles.channels], [*roles.inputs.values()]
     rigid = len(roles.rig.roles.moving(roles.rig.states, roles.rig.parameters)) == 1
     dead, margin = signals.dead_samples(channels, inputs, rigid=rigid)
@@ -194,7 +194,7 @@ def _first_value(sensor: Sensor) -> tuple[float, bool]:
 
 
 def _onset(roles: SensorRoles) -> float:
-    """Return when anything first moves [s]; NaN if that is within the first few samples."""
+    """Return the time of the first motion [s]; NaN if it is within the first few samples."""
     begins: list[tuple[float, int]] = []
     for sensor in (channel.sensor for channel in roles.channels):
         away = np.abs(sensor.raw.x - np.median(sensor.raw.x[:FIRST_SAMPLES])) > 8 * sensor.noise

@@ -1,7 +1,7 @@
 """Assign each sensor a channel or input of the rig; find the gear, lags, and how a record begins.
 
 The lag between the ends of the shaft follows from the equation of rotor 1, which the twist accelerates.
-As damping in the shaft, c_s, shifts it by c_s/k_s, the result is a hint, not a value.
+Damping of the shaft shifts it by c_s/k_s, so the result is a hint, not a value.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class SensorRoles:
 def assign_roles(
     sensors: Sequence[Sensor], dt: float, rig: Model, gear: float | None, *, voltage: bool
 ) -> SensorRoles:
-    """Assign sensors, sampled every `dt` [s], to a rig; `voltage`: whether a constant one is known."""
+    """Assign sensors, sampled every `dt` [s], to a rig; `voltage` says that a constant one is known."""
     unused: dict[str, str] = {}
     turning = _with_locations([sensor for sensor in sensors if sensor.kind in TURNS])
     ratio, sources = _gear_ratio(turning, dt)
@@ -156,7 +156,7 @@ def _inputs(
     for sensor in [*voltages, *torques]:
         if sensor.column not in used:
             unused.setdefault(sensor.name, f"is no input of the rig {rig.name}")
-    doubt = "it counts backwards, which an input cannot say: turn its sign in the file"
+    doubt = "it counts backwards, but an input has no `measures`: turn its sign in the file"
     backwards = {name: s for name, s in inputs.items() if s.column.meaning.is_reversed}
     return inputs | {name: s.revised(doubt=doubt) for name, s in backwards.items()}, rig
 
@@ -256,7 +256,7 @@ def mark_differenced(
         if angle in channels and speed in channels:
             first, second = channels[angle].sensor, channels[speed].sensor
             t, rows, others = np.intersect1d(first.raw.t, second.raw.t, return_indices=True)
-            whole = len(t) > 0.99 * len(first.values)  # but for a few glitches
+            whole = len(t) > 0.99 * len(first.values)  # except for a few glitches
             alike = whole and anomalies.differenced(first.si, second.si, dt)
             if alike or signals.differenced(first.raw.x[rows], second.raw.x[others], t):
                 channels[speed] = dataclasses.replace(channels[speed], derived=angle)
@@ -281,7 +281,7 @@ MIN_IMPROVEMENT = 1.5  # residual variance without a lag over that with it
 
 @dataclass(frozen=True, slots=True)
 class LagHint:
-    """A lag hint says by how many samples a `channel` seems to be late."""
+    """A lag hint gives the number of samples by which a `channel` seems to be late."""
 
     channel: str
     samples: float

@@ -22,7 +22,7 @@ TYPICAL_RATE = 300.0  # Hz; the geometric centre of usual sampling rates
 GIVEN_REASON = "as `--columns` says"
 REVERSAL_RATIO, CLEAR_REVERSAL_RATIO = 0.1, 0.3  # smaller over larger extent of a signal
 MAX_DEAD_SAMPLES, N_PAST, MAX_ROWS = 5, 3, 20_000  # largest delay, past samples, used rows
-STRIDES, MIN_BLOCKS = (1, 2, 4, 8), 100  # samples of a mean, and means from which a delay is found
+STRIDES, MIN_BLOCKS = (1, 2, 4, 8), 100  # samples of a mean, and least means for a delay
 MAX_RESIDUAL_RATIO = 0.64  # residual of a speed with the delayed input over that without delay
 
 
