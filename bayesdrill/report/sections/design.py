@@ -11,7 +11,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import count_noun
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.design.study import DESIGNED, RECORDED, REPEATED, ExperimentDesign, TargetOutlook
-from bayesdrill.design.waveforms import FREE
+from bayesdrill.design.waveforms import FAMILIES, FREE
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import build_page, legend_above
@@ -19,13 +19,7 @@ from bayesdrill.report.section import aligned, lines_as_csv, listed
 from bayesdrill.report.sections.identifiability import percent
 from bayesdrill.report.style import Axes, Figure
 
-SHOWN = (
-    RECORDED,
-    "step",
-    "prbs",
-    "chirp",
-    REPEATED,
-)  # waveforms of the table, beside the designed one
+SHOWN = (RECORDED, *FAMILIES, REPEATED, DESIGNED)  # waveforms of the table
 ALIKE = 1.05  # ratio of sds up to which two waveforms are called equally sharp
 CRITERION = "log det"
 
@@ -56,7 +50,7 @@ def _opening(design: ExperimentDesign) -> str:
 
 def design_table(design: ExperimentDesign) -> str:
     """Return the table of sds before and after the recorded, the usual and the designed waveform."""
-    names = [n for n in (*SHOWN, DESIGNED) if n in design.criteria or n in design.log_odds]
+    names = [n for n in SHOWN if n in design.criteria or n in design.log_odds]
     if design.log_odds:
         odds = ("  log odds", *(f"{design.log_odds[name]:.3g}" for name in names))
         return aligned([("", *names), odds], left={0})

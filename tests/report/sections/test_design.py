@@ -35,5 +35,7 @@ def test_marks_of_equal_sds_hide_no_other_and_draws_are_explained() -> None:
 
     for_each({size: (inches,) for size, inches in WIDTHS.items()}, check)
     assert "promised relative sds, at the start values:" in describe_design(found)
+    heads = describe_design(found).splitlines()[3].split()
+    assert {*found.targets[0].usual_sds} <= {*heads}  # a sentence may name any of them
     averaged = "averaged over 8 draws of the prior, each of them a possible rig:"
     assert averaged in describe_design(dataclasses.replace(found, draws=8))
