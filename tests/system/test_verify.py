@@ -182,15 +182,6 @@ def test_a_missing_file_comes_back_as_verify_says(name: str, rig: Path) -> None:
     assert (rig / "out" / "map.json").read_bytes() == maximum
 
 
-def test_a_missing_file_of_a_map_is_made_by_a_map(tmp_path: Path) -> None:
-    config = command_line.small_config(tmp_path)
-    assert cli("map", config, "-o", tmp_path / "map").status == 0
-    (tmp_path / "map" / "map.csv").unlink()
-    assert_refused(cli("verify", tmp_path / "map"), "`bayesdrill map --force` makes it again")
-    assert cli("map", config, "-o", tmp_path / "map", "--force").status == 0
-    assert cli("verify", tmp_path / "map").status == 0
-
-
 def test_a_pipe_among_results_is_refused_and_not_waited_for(rig: Path) -> None:
     """In the place of each file of a run in turn."""
     out = rig / "out"

@@ -10,9 +10,12 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from support.first_configs import shared
 
 import bayesdrill as bd
+
+pytestmark = pytest.mark.slow
 
 FILES = {
     "light_short": ("184447", 6.745e-3, 0.5422),  # inertia [kg m^2] and m g l [N m] of the pendulum

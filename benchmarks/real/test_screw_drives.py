@@ -18,6 +18,8 @@ from support.unexplained_records import causes_of, try_only
 import bayesdrill as bd
 from bayesdrill.report.sections.causes import describe_causes
 
+pytestmark = pytest.mark.slow
+
 RATED = 9.84e-3  # N m at 100 %
 SPEEDS = ("10", "20", "50", "100", "200", "n10", "n20", "n50", "n100", "n200")
 PRIOR = {"prior": "log_uniform", "low": 1e-4, "high": 1e-1}
