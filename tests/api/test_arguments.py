@@ -13,16 +13,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.array_cases import BOX, T, run, two
+from support.array_cases import BOX, T, results, run, two
 from support.case_tables import run_cases
-from support.command_line import ROOT
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.rig.models.drive_parts import Drive, Gear, Shaft
 
-CONFIG = ROOT / "configs" / "nominal_step.yaml"
-CAMPAIGN = ROOT / "configs" / "campaign" / "shaft.yaml"
 HUGE = 10**5000
 CLOSED = io.StringIO()
 CLOSED.close()
@@ -57,20 +54,7 @@ IN_USE = ("Channel", "Input", "Train", *RIGS)  # records that `case` and `respon
 
 def public_calls() -> Iterator[tuple[str, Callable[..., Any]]]:
     """Yield functions, constructors and methods of all that the API hands out."""
-    case = two()
-    things = {
-        "Case": case,
-        "Best": bd.Best(run().job, run().mode),
-        "Run": run(),
-        "RunReport": run().judge(),
-        "Findings": case.identify(),
-        "Verdict": run().judge().verdict,
-        "Overlay": bd.overlay([run(), run()]),
-        "Comparison": bd.compare([run(), dataclasses.replace(run())]),
-        "Ladder": bd.ladder(CONFIG),
-        "Calibration": bd.calibration(CONFIG),
-        "Campaign": bd.campaign(CAMPAIGN),
-    }
+    things = results()
     for name in bd.__all__:
         if inspect.isfunction(getattr(bd, name)):
             yield name, getattr(bd, name)

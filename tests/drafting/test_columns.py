@@ -74,19 +74,6 @@ def test_a_name_or_unit_that_cannot_be_read_is_refused(name: str, tmp_path: Path
     assert not (tmp_path / "r.yaml").exists()
 
 
-@run_cases(
-    "names, message",
-    [
-        (["speed=w_s_a [rad/s]", "u=w_a [rad/s]"], "two things would be called w_s_a"),
-        (["speed=w_shaft [rad/s]", "u=w_load [rad/s]"], "called shaft"),
-    ],
-)
-def test_two_things_with_one_name_are_refused(
-    names: list[str], message: str, tmp_path: Path
-) -> None:
-    assert message in refusal(write_table(tmp_path / "r.csv", RECORD), *names)
-
-
 FORCE, MOTOR_VOLTAGE, MOTOR_SPEED = "u=f_cart [N]", "u=u_motor [V]", "u=w_motor [rad/s]"
 TURN = 2 * np.pi / 2800
 

@@ -54,7 +54,7 @@ def cli(*arguments: str | Path, program: typer.Typer = app) -> CommandResult:
         with pytest.MonkeyPatch.context() as patch:
             for module in (api_arguments, bayesdrill.cli):
                 patch.setattr(module, "available_processors", lambda: 1)
-            patch.setattr(remote, "local_executor", _executor)
+            patch.setattr(remote, "local_executor", executor)
             patch.setattr(typer.testing, "_get_command", _command)
             result = CliRunner().invoke(program, [str(argument) for argument in arguments])
     finally:
@@ -72,7 +72,7 @@ def _command(program: typer.Typer) -> Any:
 
 
 @contextmanager
-def _executor(
+def executor(
     processes: int, several: Callable[[int], Any] = remote.local_executor
 ) -> Iterator[remote.RefitExecutor]:
     """Yield a thread of this process in the place of one worker."""

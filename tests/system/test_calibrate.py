@@ -7,7 +7,6 @@ import signal
 import subprocess
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ import pytest
 from support import command_line
 from support.case_tables import run_cases
 from support.command_line import assert_refused, replace_text
+from support.reporters import Stopping
 
 from bayesdrill.analysis.calibration import CalibrationStudy, refit
 from bayesdrill.basics.errors import InputError, Interrupted
@@ -24,17 +24,6 @@ from bayesdrill.output_files import dumps_checksummed, loads_checksummed
 from bayesdrill.tasks import calibrate, remote
 
 QUICK = "calibration: {refits: 10, draws: 19, n_tau: 5, ess: 50, max_steps: 600}"
-
-
-@dataclass(frozen=True)
-class Stopping(Silent):
-    """A reporter that raises Ctrl-C when this fraction of the work is done."""
-
-    fraction: float
-
-    def update(self, fraction: float, text: str) -> None:
-        if self.fraction <= fraction < 1:
-            raise KeyboardInterrupt
 
 
 @dataclass(frozen=True)
@@ -59,13 +48,9 @@ class Calibration:
 
     def calibrate(self, how: str, reporter: Reporter) -> None:
         """In this process, without the command line."""
-        with ThreadPoolExecutor(1) as pool:
-            crew = remote.RefitExecutor(pool)
-            try:
-                job = calibrate.prepare(self.config)
-                calibrate.calibrate(job, self.folder, how, crew, reporter)  # type: ignore[arg-type]
-            finally:
-                pool.shutdown(cancel_futures=True)
+        job = calibrate.prepare(self.config)
+        with command_line.executor(1) as crew:
+            calibrate.calibrate(job, self.folder, how, crew, reporter)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +121,7 @@ def test_ctrl_c_keeps_the_refits_that_are_done(
 ) -> None:
     calibration = Calibration(finished.config, tmp_path / "out")
     with pytest.raises(Interrupted, match="saved"):
-        calibration.calibrate("fresh", Stopping(0.05))
+        calibration.calibrate("fresh", Stopping(lambda fraction, _: fraction >= 0.05))
     assert calibration.run["status"] == "interrupted"
     kept = calibrate.saved(calibration.folder / ".refits", study)
     assert 1 <= len(kept) < 10

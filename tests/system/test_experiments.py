@@ -9,7 +9,6 @@ import xarray
 from scipy.special import logsumexp
 from scipy.stats import norm
 from support import two_experiments
-from support.case_tables import run_cases
 from support.command_line import assert_refused, cli, posterior, replace_text, table
 
 import bayesdrill as bd
@@ -211,25 +210,3 @@ def test_models_are_compared_by_what_they_predict(records: Path, tmp_path: Path)
     assert cli("verify", tmp_path / "given").status == 0
     refused = cli("compare", tmp_path / "given", tmp_path / "whole", "-o", tmp_path / "no")
     assert_refused(refused, "held out as a whole")
-
-
-AWAY = ", held_out: true"
-
-
-@run_cases(
-    "old, new, message",
-    [
-        ("[offset_w_1]", "[]", "no fitted record determines offset_w_1 of fast; give a "
-         "number, or add it to `shared:`"),
-        ("[offset_w_1]", "[offset_w_1]\nown: [k_s]",
-         "no fitted record determines k_s of fast, which is held out"),
-        (AWAY, f"{AWAY}}}\n  more: {{held_out: 3", "experiments.more.held_out"),
-        ("{v: 5.0}}", f"{{v: 5.0}}{AWAY}}}", "all are held out; leave one to be fitted"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_held_out_is_refused(
-    records: Path, old: str, new: str, message: str
-) -> None:
-    config = write(records, "wrong")
-    replace_text(config, old, new)
-    assert_refused(cli("check", config), message)

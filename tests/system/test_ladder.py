@@ -5,14 +5,15 @@ import json
 import math
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from concurrent.futures import Future
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support import command_line
 from support.command_line import CONFIGS, assert_refused
+from support.reporters import Stopping
 
 from bayesdrill.analysis.causes import SURE_LOG_ODDS
 from bayesdrill.analysis.refits import RefitMaximum, refit_candidate
@@ -44,29 +45,10 @@ def turned() -> str:
     return "t,t_m,w_2\n" + "".join(f"{a:.6g},{b:.6g},{c:.6g}\n" for a, b, c in rows)
 
 
-@dataclass
-class Stopping:
-    """A reporter that raises Ctrl-C when this number of rungs is finished."""
-
-    rungs: int
-    said: list[str] = field(default_factory=list)
-
-    def say(self, text: str) -> None:
-        self.said.append(text)
-
-    def update(self, fraction: float, text: str) -> None:
-        if text.startswith(f"{self.rungs} ") and fraction < 1:
-            raise KeyboardInterrupt
-
-
 def run_ladder(config: Path, folder: Path, how: str, reporter: Reporter) -> None:
     """Make a ladder in this process, without the command line."""
-    with ThreadPoolExecutor(1) as pool:
-        crew = remote.RefitExecutor(pool)
-        try:
-            ladder.ladder(prepare(config), folder, how, crew, reporter)  # type: ignore[arg-type]
-        finally:
-            pool.shutdown(cancel_futures=True)
+    with command_line.executor(1) as crew:
+        ladder.ladder(prepare(config), folder, how, crew, reporter)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -87,11 +69,11 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Ladder:
     given.write_text(CONFIG)
     (place / "turned.csv").write_text(turned())
     with pytest.raises(Interrupted, match="continue with --resume"):
-        run_ladder(given, place / "out", "fresh", Stopping(1))
+        run_ladder(given, place / "out", "fresh", Stopping(lambda _, text: text.startswith("1 ")))
     assert json.loads((place / "out" / "run.json").read_text())["status"] == "interrupted"
     before = {p: p.stat().st_mtime_ns for p in (place / "out").glob("*/chain.h5")}
     assert len(before) == 1
-    reporter = Stopping(-1)
+    reporter = Stopping()
     run_ladder(given, place / "out", "resume", reporter)
     assert "(1 of them done before)" in reporter.said[-1]
     assert all(path.stat().st_mtime_ns == time for path, time in before.items())

@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from support import command_line
 from support.case_tables import run_cases
 from support.command_line import assert_refused, posterior, replace_text
 from support.finished_runs import FILES, UNREACHABLE, FinishedRun
+from support.reporters import Stopping
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import Interrupted
@@ -47,21 +47,6 @@ def test_a_finished_run_is_extended(
     unconverged.assert_same_chains(copy)
 
 
-@dataclass
-class Stopping:
-    """A reporter that raises Ctrl-C where a stage with this text begins or goes on."""
-
-    text: str = "never"
-    said: list[str] = field(default_factory=list)
-
-    def say(self, text: str) -> None:
-        self.said.append(text)
-
-    def update(self, fraction: float, text: str) -> None:
-        if self.text in text:
-            raise KeyboardInterrupt
-
-
 STOPS = (
     ("searching", "nothing was found yet, and {} only has the config"),
     ("learning", "the maximum is saved in {}, but nothing was sampled yet"),
@@ -77,8 +62,9 @@ def test_a_run_stopped_in_five_stages_says_what_is_saved_and_goes_on(
     config = command_line.small_config(tmp_path)
     case, out = bd.load(config), tmp_path / "out"
     for stage, words in STOPS:
+        reporter = Stopping(lambda _, text, stage=stage: stage in text)
         with pytest.raises(Interrupted) as stopped:
-            case.run(out, resume=out.exists(), report=Stopping(stage))
+            case.run(out, resume=out.exists(), report=reporter)
         message = f"stopped; {words.format(out)}; continue with --resume"
         assert str(stopped.value) == message, stage
         if stage != " steps to the next look":

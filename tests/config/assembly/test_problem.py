@@ -7,12 +7,9 @@ import pytest
 from support.config_texts import DEG, RPM, save, write
 from support.described_rigs import (
     CURRENT,
-    FORCE,
-    LINEAR,
     ROTARY,
     T,
     arm_rates,
-    cart_rates,
     integrated,
     log_density,
     save_records,
@@ -32,11 +29,6 @@ def likelihood(job: Job) -> tuple[dict[str, float], float]:
     return {name: float(np.ravel(x)[0]) for name, x in named.items()}, float(np.sum(by_channel))
 
 
-def carts_density(y: dict[str, np.ndarray], x: np.ndarray) -> float:
-    positions = log_density(y["x"] * 1e-3, x[:, 2], 5e-4)
-    return positions + log_density(y["v"] * 1e-3, x[:, 1], 3e-3)
-
-
 def test_the_density_of_a_train_is_that_of_its_equations(tmp_path: Path) -> None:
     y = save_records(tmp_path)
     p, found = likelihood(prepare(write(tmp_path, ROTARY)))
@@ -45,24 +37,6 @@ def test_the_density_of_a_train_is_that_of_its_equations(tmp_path: Path) -> None
     expected += log_density(y["twist"] * DEG, x[:, 0] - x[:, 2], 0.2 * DEG)
     expected += log_density(y["motor"] * 2 * np.pi, 8 * x[:, 0], 0.05 * 2 * np.pi)
     assert found == pytest.approx(expected, rel=1e-8)
-
-
-def test_the_density_of_masses_along_a_line_is_that_of_their_equations(tmp_path: Path) -> None:
-    """From a given start, and from a steady one, which holds the first force."""
-    y = save_records(tmp_path)
-    given = prepare(write(tmp_path, LINEAR))
-    p, found = likelihood(given)
-    x = integrated(cart_rates, p, FORCE, [0.0, 0.0, 2e-3, 0.0])
-    assert found == pytest.approx(carts_density(y, x), rel=1e-8)
-    channels = given.problem.observations[0].experiment.channels
-    assert [(c.unit, c.display_unit.name) for c in channels] == [("m", "mm"), ("m/s", "mm/s")]
-    symbols = {symbol.name: symbol.unit for symbol in derived.derived_symbols(given.problem)}
-    assert symbols["w_end"] == "m/s"
-    steady = ("{state: given, x_second: {value: 2, unit: mm}}", "steady")
-    p, found = likelihood(prepare(write(tmp_path, LINEAR, steady)))
-    wall = FORCE[0] / p["k_wall"]
-    x = integrated(cart_rates, p, FORCE, [wall + FORCE[0] / p["k_spring"], 0.0, wall, 0.0])
-    assert found == pytest.approx(carts_density(y, x), rel=1e-8)
 
 
 CHAIN = """\
