@@ -27,6 +27,7 @@ FILES = {  # of a run without figures
     *("posterior.nc", "report.html", "run.json", "summary.csv", "summary.md", "table.tex"),
     *("verdict.csv", "figures"),
 }
+NOTHING_PRINTED = command_line.CommandResult(0, "", "")
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class FinishedRun:
 
     config: Path
     folder: Path
-    result: command_line.CommandResult
+    result: command_line.CommandResult = NOTHING_PRINTED
 
     @property
     def json(self) -> dict[str, Any]:

@@ -34,7 +34,8 @@ def test_a_design_is_printed_and_written(tmp_path: Path) -> None:
     assert waveform["t"][-1] == 5.0
     assert 0.0 <= waveform["v"].min() < waveform["v"].max() <= 12.0
     assert_refused(cli(*command), "exists already")
-    assert cli(*command, "--force").status == 0
+    quick = ("design", config, "--family", "step", "--hold", "0.5", "--draws", "1", "-o", out)
+    assert cli(*quick, "--force").status == 0
 
 
 def test_a_run_ends_with_the_line_that_starts_a_design_with_its_posterior(tmp_path: Path) -> None:
