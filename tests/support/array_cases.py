@@ -58,11 +58,18 @@ def run() -> bd.Run:
 
 @cache
 def results() -> dict[str, Any]:
-    """Return one of each kind of result that the API hands out, by the name of its class."""
+    """Return one of each kind of result that the API hands out, by its public name."""
     judged, again = run().judge(), dataclasses.replace(run())
-    every = (
-        *(two(), bd.Best(run().job, run().mode, run().columns), run(), judged, judged.verdict),
-        *(two().identify(), bd.overlay([run(), run()]), bd.compare([run(), again])),
-        *(bd.ladder(CONFIG), bd.calibration(CONFIG), bd.campaign(CAMPAIGN)),
-    )
-    return {type(result).__name__: result for result in every}
+    return {
+        "Case": two(),
+        "Best": bd.Best(run().job, run().mode, run().columns),
+        "Run": run(),
+        "RunReport": judged,
+        "Findings": two().identify(),
+        "Verdict": judged.verdict,
+        "Overlay": bd.overlay([run(), run()]),
+        "Comparison": bd.compare([run(), again]),
+        "Ladder": bd.ladder(CONFIG),
+        "Calibration": bd.calibration(CONFIG),
+        "Campaign": bd.campaign(CAMPAIGN),
+    }

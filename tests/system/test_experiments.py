@@ -9,7 +9,7 @@ import xarray
 from scipy.special import logsumexp
 from scipy.stats import norm
 from support import two_experiments
-from support.command_line import assert_refused, cli, posterior, replace_text, table
+from support.command_line import CONFIGS, assert_refused, cli, posterior, replace_text, table
 
 import bayesdrill as bd
 from bayesdrill.analysis.prediction import held_out
@@ -126,26 +126,7 @@ def test_refits_have_the_priors_of_the_run_and_no_measured_value(tmp_path: Path)
 
 
 SIGMA = 0.1
-CONFIG = """\
-name: held
-seed: 7
-record:
-  time: {column: t, unit: s}
-  channels:
-    w_1: {column: w_1, unit: rad/s, sigma: 0.1, offset: {prior: normal, mean: 0, sd: 0.5}}
-    w_2: {column: w_2, unit: rad/s, sigma: 0.1}
-experiments:
-  slow: {record: {file: slow.csv}, inputs: {v: 5.0}}
-  fast: {record: {file: fast.csv}, inputs: {v: 9.0}HELD_OUT}
-shared: SHARED
-parameters:
-  {j_m: nominal, c_m: nominal, k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}, k_T: nominal,
-   r_m: nominal, l_m: nominal, k_s: K_S, j_1: nominal, t_f: nominal}
-map: {starts: 1, evaluations: 300}
-sampler: {walkers: 24, ess: 400, n_tau: 10}
-output: {predictive_draws: 10, figures: [fit]}
-simulation: {duration: 4.0, rate: 25}
-"""
+CONFIG = (CONFIGS / "held.yaml").read_text(encoding="utf-8")
 USUAL = {
     "HELD_OUT": ", held_out: true",
     "SHARED": "[offset_w_1]",

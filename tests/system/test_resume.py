@@ -112,33 +112,7 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
     unconverged.assert_same_chains(FinishedRun(config, other, report))
 
 
-K_E = "low: 0.5, high: 1.5, relative: true}\n  k_T"
-J_1 = "j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
-W_1 = "w_1: {column: w_1, unit: rad/s, sigma: 0.05"
-GEAR = "model: {i_m: 0.25}\nmap: {"
-
-
-@run_cases(
-    "old, new, named",
-    [
-        (K_E, K_E.replace("0.5", "0.6"), "the prior of k_e was Uniform(low=0.03008, high=0.09024) "
-         "and is Uniform(low=0.0360959"),
-        ("c_m: nominal", "c_m: 2e-4", "c_m, which is held, was 0.00019 and is 0.0002"),
-        (J_1, "j_1: nominal", "the prior of j_1 was Uniform(low=0.01415, high=0.04245) and is not "
-         "there"),
-        ("seed: 7", "seed: 8", "the seed was 7 and is 8"),
-        (W_1, W_1.replace("0.05", "0.06"), "the noise of w_1 was 0.05 and is 0.06"),
-        ("walkers: 8", "walkers: 10", "sampler.walkers was 8 and is 10"),
-        ("walkers: 8", "walkers: 8, moves: {stretch: 1}", "and is {'stretch': 1.0}"),
-        ("walkers: 8", "walkers: 8, ensembles: 5", "sampler.ensembles was 4 and is 5"),
-        ("evaluations: 500", "evaluations: 600", "map.evaluations was 500 and is 600"),
-        ("v: 8.0", "v: 8.1", "the input v was 8.0 and is 8.1"),
-        ("map: {", "initial: {w_1: 0.1}\nmap: {", "the initial state was "),
-        ("unit: rad, sigma", "unit: rad, measures: 2 * theta_1, sigma", "the channel theta_1 was "),
-        ("map: {", GEAR, "the model was MotorShaft(i_m=0.125) and is MotorShaft(i_m=0.25)"),
-    ],
-    ids=lambda text: text.split(":")[0][:20], copy=copied,
-)  # fmt: skip
+@run_cases("old, new, named", command_line.REFUSALS["resume"], copy=copied)
 def test_resuming_another_config_names_what_changed_and_both_values(
     old: str, new: str, named: str, copy: FinishedRun
 ) -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.command_line import CONFIGS
 from support.config_texts import DEG, RPM, save, write
 from support.described_rigs import (
     CURRENT,
@@ -39,31 +40,7 @@ def test_the_density_of_a_train_is_that_of_its_equations(tmp_path: Path) -> None
     assert found == pytest.approx(expected, rel=1e-8)
 
 
-CHAIN = """\
-name: chain
-seed: 1
-record:
-  file: chain.csv
-  time: {column: t, unit: s}
-  channels:
-    w_load: {column: w, unit: rad/s, sigma: 1.0}
-    theta_motor: {column: y, unit: rad, sigma: 1.0}
-inputs: {t_motor: 0.6}
-initial: {state: steady, theta_load: 0.2}
-model:
-  name: train
-  inertias: [motor, arm, pinion, load]
-  gears: {first: {between: [motor, arm], ratio: 0.25}, second: {between: [pinion, load], ratio: -0.5}}
-  shafts: {coupling: [arm, pinion]}
-  drives: {motor: torque}
-parameters:
-  j_motor: 0.001
-  j_arm: 0.01
-  j_pinion: 0.01
-  j_load: {prior: log_normal, median: 0.02, sd_log: 0.1}
-  k_coupling: 3.0
-  c_load: 0.4
-"""
+CHAIN = (CONFIGS / "chain.yaml").read_text(encoding="utf-8")
 
 
 def test_a_chain_of_gears_turns_steadily(tmp_path: Path) -> None:
