@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.array_cases import BOX, T, results, run, two
+from support.array_cases import BOX, T, results, two
 from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 
@@ -162,13 +162,9 @@ def test_a_wrong_value_within_an_argument_is_named(value: object) -> None:
         two().sample(value)  # type: ignore[arg-type]
 
 
-def maximum() -> bd.Best:
-    return bd.Best(run().job, run().mode)
-
-
 NUMBERS: dict[str, tuple[Callable[..., Any], str, tuple[Any, ...]]] = {
-    "seed": (lambda **x: two().sample(best=maximum(), **x), "seed", (-1, 2**64, HUGE)),
-    "part": (lambda **x: maximum().plot(**x), "part", (-1, 0, 2, HUGE)),
+    "seed": (lambda **x: two().sample(best=results()["Best"], **x), "seed", (-1, 2**64, HUGE)),
+    "part": (lambda **x: results()["Best"].plot(**x), "part", (-1, 0, 2, HUGE)),
     "processes": (lambda **x: two().find_map(**x), "processes", (-1, 0, 10**9, HUGE)),
     "gear": (
         lambda **x: bd.init(record="nowhere.csv", **x), "gear", (math.nan, math.inf, 0.5, -1)
