@@ -68,6 +68,11 @@ class FinishedRun:
         return replace(self, config=place / self.config.name, folder=place / name)
 
 
+def copied_run(converged: FinishedRun, tmp_path: Path) -> FinishedRun:
+    """Return a copy of a run, to be changed."""
+    return converged.copy(tmp_path / "copy")
+
+
 def run(factory: pytest.TempPathFactory, *changes: tuple[str, str]) -> FinishedRun:
     """Return a copy of the shared run of this config, in a folder of its own."""
     place = factory.mktemp("run")

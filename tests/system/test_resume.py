@@ -14,17 +14,13 @@ import pytest
 from support import command_line
 from support.case_tables import run_cases
 from support.command_line import assert_refused, posterior, replace_text
-from support.finished_runs import FILES, UNREACHABLE, FinishedRun
+from support.finished_runs import FILES, UNREACHABLE, FinishedRun, copied_run
 from support.reporters import Stopping
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import Interrupted
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
 from bayesdrill.results.run_folder import Folder, seal
-
-
-def copied(converged: FinishedRun, tmp_path: Path) -> FinishedRun:
-    return converged.copy(tmp_path / "copy")
 
 
 def test_a_finished_run_resumed_changes_nothing(converged: FinishedRun, copy: FinishedRun) -> None:
@@ -112,7 +108,7 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
     unconverged.assert_same_chains(FinishedRun(config, other, report))
 
 
-@run_cases("old, new, named", command_line.REFUSALS["resume"], copy=copied)
+@run_cases("old, new, named", command_line.REFUSALS["resume"], copy=copied_run)
 def test_resuming_another_config_names_what_changed_and_both_values(
     old: str, new: str, named: str, copy: FinishedRun
 ) -> None:
@@ -123,7 +119,7 @@ def test_resuming_another_config_names_what_changed_and_both_values(
     assert command_line.listing(copy.folder) == before
 
 
-@run_cases("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"], copy=copied)
+@run_cases("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"], copy=copied_run)
 def test_resuming_under_another_version_of_what_decides_the_chain_is_refused(
     package: str, copy: FinishedRun
 ) -> None:
@@ -192,7 +188,7 @@ def digit_changed(content: bytes) -> bytes:
         ("map.json", digit_changed, "delete it and continue with --resume"),
         ("chain.h5", lambda content: content[:40], "delete it and continue with --resume"),
     ],
-    copy=copied,
+    copy=copied_run,
 )  # fmt: skip
 def test_a_damaged_result_is_named_and_nothing_is_written(
     name: str, damage: Callable[[bytes], bytes], way_out: str, copy: FinishedRun
