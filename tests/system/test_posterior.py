@@ -97,7 +97,7 @@ def test_a_run_that_did_not_converge_says_so(unconverged: FinishedRun) -> None:
         assert words in result.out
     assert "NOT CONVERGED" in (unconverged.folder / "summary.md").read_text()
     run = unconverged.json
-    assert (run["status"], run["converged"], run["steps"]) == ("finished", False, 700)
+    assert (run["status"], run["converged"], run["steps"]) == ("finished", False, 400)
     assert command_line.cli("report", unconverged.folder, "--processes", "1").status == 3
 
 
