@@ -18,8 +18,6 @@ from support.unexplained_records import causes_of, try_only
 import bayesdrill as bd
 from bayesdrill.report.sections.causes import describe_causes
 
-pytestmark = pytest.mark.slow
-
 RATED = 9.84e-3  # N m at 100 %
 SPEEDS = ("10", "20", "50", "100", "200", "n10", "n20", "n50", "n100", "n200")
 PRIOR = {"prior": "log_uniform", "low": 1e-4, "high": 1e-1}
@@ -57,6 +55,7 @@ def screw(made: list[tuple[float, np.ndarray]], **more: Any) -> bd.Case:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @run_cases("drive, ratio", [("drive1", 0.79), ("drive2", 0.96), ("drive3", 0.52)])
 def test_friction_forwards_and_backwards_is_that_of_the_means(drive: str, ratio: float) -> None:
     """A lead screw, one against backlash, and a worm, whose payload helps it one way."""
