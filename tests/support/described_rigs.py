@@ -28,6 +28,13 @@ def arm_rates(t: float, x: np.ndarray, p: dict[str, float], i: float) -> list[fl
     ]
 
 
+def cart_rates(t: float, x: np.ndarray, p: dict[str, float], f: float) -> list[float]:
+    """Rates of x = (x_first, v_first, x_second, v_second)."""
+    spring = p["k_spring"] * (x[0] - x[2])
+    first = (f - spring - p["c_first"] * x[1]) / p["m_first"]
+    return [x[1], first, x[3], (spring - p["k_wall"] * x[2]) / 1.2]
+
+
 def integrated(
     rates: Callable[..., list[float]], p: dict[str, float], u: np.ndarray, x: list[float]
 ) -> np.ndarray:

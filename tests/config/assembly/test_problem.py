@@ -8,9 +8,12 @@ from support.command_line import CONFIGS
 from support.config_texts import DEG, RPM, save, write
 from support.described_rigs import (
     CURRENT,
+    FORCE,
+    LINEAR,
     ROTARY,
     T,
     arm_rates,
+    cart_rates,
     integrated,
     log_density,
     save_records,
@@ -37,6 +40,17 @@ def test_the_density_of_a_train_is_that_of_its_equations(tmp_path: Path) -> None
     expected = log_density(y["w"] * RPM, x[:, 3], 2 * RPM)
     expected += log_density(y["twist"] * DEG, x[:, 0] - x[:, 2], 0.2 * DEG)
     expected += log_density(y["motor"] * 2 * np.pi, 8 * x[:, 0], 0.05 * 2 * np.pi)
+    assert found == pytest.approx(expected, rel=1e-8)
+
+
+def test_the_density_of_masses_that_a_wall_holds_is_that_of_their_equations(tmp_path: Path) -> None:
+    """From a steady start, which holds the first force."""
+    y = save_records(tmp_path)
+    steady = ("{state: given, x_second: {value: 2, unit: mm}}", "steady")
+    p, found = likelihood(prepare(write(tmp_path, LINEAR, steady)))
+    wall = FORCE[0] / p["k_wall"]
+    x = integrated(cart_rates, p, FORCE, [wall + FORCE[0] / p["k_spring"], 0.0, wall, 0.0])
+    expected = log_density(y["x"] * 1e-3, x[:, 2], 5e-4) + log_density(y["v"] * 1e-3, x[:, 1], 3e-3)
     assert found == pytest.approx(expected, rel=1e-8)
 
 
