@@ -29,7 +29,7 @@ from bayesdrill.report.view import ReportContext
 # The drawing of a rig is of trains alone: tests/report/test_rig_drawing.py.
 DRAWN = [name for name in FIGURES if name != "rig"]
 OWN = [name for name in DRAWN if not name.startswith("toy_")]
-T = np.linspace(0.0, 4.0, 81)
+T = np.linspace(0.0, 4.0, 161)
 CONFIG = (CONFIGS / "other_units.yaml").read_text(encoding="utf-8")
 BOX = "{prior: uniform, low: 0.5, high: 1.5, relative: true}"
 TORQUE = "missing_torque: {at: rotor_1, size: 0.02, time: 0.5}\n"
@@ -42,7 +42,7 @@ def run(*, missing_torque: bool = False) -> bd.Run:
     The rig rubs and has one symmetry left, so that every figure has something to show.
     `missing_torque`: without either, by a load of which the config knows the mean, and that torque.
     """
-    v = np.where(np.arange(len(T)) // 20 % 2 == 0, 6.0, -6.0)
+    v = np.where(np.arange(len(T)) // 40 % 2 == 0, 6.0, -6.0)
     truth = {**NOMINAL, "t_f": 1e-3} | ({} if missing_torque else {"t_cm": 0.02})
     inputs = {"v": v, "t_1": 0.02 * (1 + missing_torque * np.sin(3.7 * T))}
     exact = bd.respond("motor_shaft", truth, T, inputs, ["theta_1", "theta_2", "w_2"])

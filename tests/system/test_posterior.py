@@ -97,7 +97,7 @@ def test_a_run_that_did_not_converge_says_so(unconverged: FinishedRun) -> None:
         assert words in result.out
     assert "NOT CONVERGED" in (unconverged.folder / "summary.md").read_text()
     run = unconverged.json
-    assert (run["status"], run["converged"], run["steps"]) == ("finished", False, 400)
+    assert (run["status"], run["converged"], run["steps"]) == ("finished", False, 700)
     assert command_line.cli("report", unconverged.folder, "--processes", "1").status == 3
 
 
@@ -166,11 +166,11 @@ def test_a_stuck_walker_keeps_a_run_from_being_believed(copy: FinishedRun) -> No
             middle = np.argmin(np.abs(last / np.median(last, axis=0) - 1).max(axis=1))
             file[f"ensemble_{k}"]["log_prob"][-1, middle] += 1e6
             seal(file[f"ensemble_{k}"])
-    command_line.replace_text(copy.config, "ess: 100, max_steps: 500", "ess: 4000, max_steps: 600")
+    command_line.replace_text(copy.config, "ess: 100, max_steps: 500", "ess: 8000, max_steps: 1200")
     result = command_line.posterior(copy.config, copy.folder, "--resume")
     assert result.status == 3, result.text
     assert "4 of 32 walkers (1 in ensemble 0, 1 in ensemble 1" in result.out
     assert "stuck: the longest did not move for" in result.out
-    assert copy.json["steps"] == 600
+    assert copy.json["steps"] == 1200
     assert len(copy.json["reasons"]) == 1
     assert "stuck" in (copy.folder / "summary.md").read_text()

@@ -38,7 +38,7 @@ def test_a_finished_run_is_extended(
     assert set(command_line.listing(copy.folder)) == FILES
     short, long = converged.chains(), copy.chains()
     for k in range(4):
-        assert long[f"z {k}"].shape == (400, 8, 2)
+        assert long[f"z {k}"].shape == (700, 8, 2)
         assert np.array_equal(long[f"z {k}"][: len(short[f"z {k}"])], short[f"z {k}"])
     unconverged.assert_same_chains(copy)
 
@@ -92,18 +92,18 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
 ) -> None:
     """The others had gone past the check, which must not be made again with longer ensembles."""
     config = command_line.small_config(tmp_path, UNREACHABLE)
-    replace_text(config, "max_steps: 400", "max_steps: 312")  # a check: 200, 250, 312, 390
+    replace_text(config, "max_steps: 700", "max_steps: 487")  # a check: 200, 250, 312, 390, 487
     one, other = tmp_path / "one", tmp_path / "other"
     assert posterior(config, one).status == 3
     shutil.copytree(one, other)
-    replace_text(config, "max_steps: 312", "max_steps: 330")
+    replace_text(config, "max_steps: 487", "max_steps: 500")
     assert posterior(config, other, "--resume").status == 3
     with h5py.File(one / "chain.h5") as short, h5py.File(other / "chain.h5", "r+") as long:
         del long["ensemble_2"]
         short.copy("ensemble_2", long)
     report = command_line.cli("report", other)
     assert_refused(report, "before its first check", "--resume")
-    replace_text(config, "max_steps: 330", "max_steps: 400")
+    replace_text(config, "max_steps: 500", "max_steps: 700")
     assert posterior(config, other, "--resume").status == 3
     unconverged.assert_same_chains(FinishedRun(config, other, report))
 
