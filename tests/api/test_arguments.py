@@ -13,16 +13,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.array_cases import BOX, T, run, two
+from support.array_cases import BOX, T, results, two
 from support.case_tables import run_cases
-from support.command_line import ROOT
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.rig.models.drive_parts import Drive, Gear, Shaft
 
-CONFIG = ROOT / "configs" / "nominal_step.yaml"
-CAMPAIGN = ROOT / "configs" / "campaign" / "shaft.yaml"
 HUGE = 10**5000
 CLOSED = io.StringIO()
 CLOSED.close()
@@ -57,20 +54,7 @@ IN_USE = ("Channel", "Input", "Train", *RIGS)  # records that `case` and `respon
 
 def public_calls() -> Iterator[tuple[str, Callable[..., Any]]]:
     """Yield functions, constructors and methods of all that the API hands out."""
-    case = two()
-    things = {
-        "Case": case,
-        "Best": bd.Best(run().job, run().mode),
-        "Run": run(),
-        "RunReport": run().judge(),
-        "Findings": case.identify(),
-        "Verdict": run().judge().verdict,
-        "Overlay": bd.overlay([run(), run()]),
-        "Comparison": bd.compare([run(), dataclasses.replace(run())]),
-        "Ladder": bd.ladder(CONFIG),
-        "Calibration": bd.calibration(CONFIG),
-        "Campaign": bd.campaign(CAMPAIGN),
-    }
+    things = results()
     for name in bd.__all__:
         if inspect.isfunction(getattr(bd, name)):
             yield name, getattr(bd, name)
@@ -178,13 +162,9 @@ def test_a_wrong_value_within_an_argument_is_named(value: object) -> None:
         two().sample(value)  # type: ignore[arg-type]
 
 
-def maximum() -> bd.Best:
-    return bd.Best(run().job, run().mode)
-
-
 NUMBERS: dict[str, tuple[Callable[..., Any], str, tuple[Any, ...]]] = {
-    "seed": (lambda **x: two().sample(best=maximum(), **x), "seed", (-1, 2**64, HUGE)),
-    "part": (lambda **x: maximum().plot(**x), "part", (-1, 0, 2, HUGE)),
+    "seed": (lambda **x: two().sample(best=results()["Best"], **x), "seed", (-1, 2**64, HUGE)),
+    "part": (lambda **x: results()["Best"].plot(**x), "part", (-1, 0, 2, HUGE)),
     "processes": (lambda **x: two().find_map(**x), "processes", (-1, 0, 10**9, HUGE)),
     "gear": (
         lambda **x: bd.init(record="nowhere.csv", **x), "gear", (math.nan, math.inf, 0.5, -1)

@@ -3,11 +3,12 @@
 import doctest
 import inspect
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.array_cases import run, two
+from support.array_cases import two
 from support.case_tables import run_cases
 
 import bayesdrill as bd
@@ -26,12 +27,17 @@ def examples() -> Iterator[tuple[str, str]]:
                 yield label, text
 
 
+@cache
+def run_without_figures() -> bd.Run:
+    return two(output={"figures": []}).sample()
+
+
 @run_cases("name, text", examples(), ids=[name for name, _ in examples()])
 def test_examples_of_docstrings_print_what_they_say(
     name: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     bd.example("configs")
-    names = {**vars(contract), "bd": bd, "np": np, "case": two(), "run": run()}
+    names = {**vars(contract), "bd": bd, "np": np, "case": two(), "run": run_without_figures()}
     example = doctest.DocTestParser().get_doctest(text, names, name, None, None)
     assert doctest.DocTestRunner().run(example).failed == 0

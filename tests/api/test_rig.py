@@ -8,6 +8,8 @@ from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 
+STATIC = {"t_cm": 0.2, "t_sm": 0.1, "w_sm": 1.0}
+
 
 @run_cases(
     "changes, message",
@@ -15,7 +17,11 @@ import bayesdrill as bd
         ({"t": np.array([0.0, 0.5, 0.1])}, "t: "),
         ({"t": [0.0]}, "give at least two"),
         ({"parameters": {**NOMINAL, "j_1": -1.0}}, "parameters.j_1: -1.0 is not a positive number"),
-        ({"parameters": {**NOMINAL, "x": 1.0}}, "parameters.x: the rig has none"),
+        ({"parameters": {**NOMINAL, "c_2": 0.1}}, "parameters.c_2: the rig has none"),
+        ({"parameters": {**NOMINAL, "t_sm": 0.1}}, "t_sm means nothing without t_cm and w_sm"),
+        ({"parameters": {**NOMINAL, "c_s": -0.1}}, "parameters.c_s: -0.1 is negative"),
+        ({"parameters": {**NOMINAL, "eta": 1.1}}, "parameters.eta: 1.1 is more than 1"),
+        ({"parameters": {**NOMINAL, **STATIC}}, "parameters.t_sm: is below t_cm; static friction"),
         ({"parameters": {"k_s": 1.0}}, "parameters.j_m: is missing"),
         ({"inputs": {}}, "inputs.v: is missing"),
         ({"inputs": {"v": "8"}}, "inputs.v: '8' is not a number"),

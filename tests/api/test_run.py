@@ -14,9 +14,8 @@ import pytest
 import xarray
 from matplotlib.figure import Figure
 from support import command_line
-from support.array_cases import T, noisy, run, two
+from support.array_cases import T, noisy, results, run, two
 from support.case_tables import run_cases
-from support.command_line import ROOT
 
 import bayesdrill as bd
 from bayesdrill import output_files
@@ -24,16 +23,10 @@ from bayesdrill.basics.equality import equal_content
 from bayesdrill.report import scales, style
 from bayesdrill.rig.kernels.compiling import compile_kernel
 
-CONFIGS = ROOT / "configs"
-
 
 def fresh() -> bd.Run:
     """Return a run that has computed nothing yet but its draws."""
     return dataclasses.replace(run())
-
-
-def best() -> bd.Best:
-    return bd.Best(run().job, run().mode, run().columns)
 
 
 def test_a_run_says_what_it_estimates() -> None:
@@ -45,7 +38,7 @@ def test_a_run_says_what_it_estimates() -> None:
     assert "| k_s |" in judged._repr_markdown_()
     assert re.search(r"verdict: .*disagree", str(run()))
     assert set(run().draws) == {"k_s", "t_f"}
-    assert all("k_s" in str(one) for one in (judged, two().identify(), best()))
+    assert all("k_s" in str(results()[name]) for name in ("RunReport", "Findings", "Best"))
 
 
 def test_a_saved_run_opens_as_it_was(tmp_path: Path) -> None:
@@ -98,34 +91,17 @@ def test_a_figure_that_fails_is_named_when_a_run_is_saved(
     assert run().save(tmp_path / "again").exists()  # what could be made this time is not missing
 
 
-def results() -> dict[str, Any]:
-    config = CONFIGS / "nominal_step.yaml"
-    return {
-        "case": two(),
-        "best": best(),
-        "run": run(),
-        "judged": run().judge(),
-        "findings": two().identify(),
-        "verdict": run().judge().verdict,
-        "overlay": bd.overlay([run(), run()]),
-        "comparison": bd.compare([run(), fresh()]),
-        "ladder": bd.ladder(config),
-        "calibration": bd.calibration(config),
-        "channel": noisy("w_1", 1.0, 0.1),
-        "input": bd.Input([1.0, float("nan")], "V"),
-    }
-
-
 def test_results_are_equal_after_pickling() -> None:
     """Twice over, for what they compute meanwhile is no part of them; nothing is compiled for that."""
-    for name, result in results().items():
+    columns = {"channel": noisy("w_1", 1.0, 0.1), "input": bd.Input([1.0, float("nan")], "V")}
+    for name, result in (results() | columns).items():
         packed, compilations = pickle.dumps(result), compile_kernel.cache_info().misses
         back = pickle.loads(packed)
         assert compile_kernel.cache_info().misses == compilations, name
         assert back is not result, name
         assert back == result, name
         assert hash(back) == hash(result), name
-        if name in ("case", "best", "judged"):
+        if name in ("Case", "Best", "RunReport"):
             assert str(back) == str(result), name
         assert pickle.loads(pickle.dumps(back)) == result, name
 

@@ -66,12 +66,6 @@ def entry_points() -> list[tuple[str, str]]:
     return re.findall(r"^(\w+) = (\w+):", text, re.M)
 
 
-def test_each_toy_is_a_file_and_a_line() -> None:
-    assert sorted(module for _, module in entry_points()) == sorted(
-        path.stem for path in TOYS.glob("*.py")
-    )
-
-
 @pytest.mark.slow
 def test_the_toys_pass_the_contracts() -> None:
     """Each of these tests runs over all members that there are."""

@@ -14,6 +14,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from support.case_tables import run_cases
+from support.command_line import CONFIGS
 from support.figure_checks import clashes, drawn
 from support.scipy_oracles import NOMINAL
 
@@ -29,27 +30,7 @@ from bayesdrill.report.view import ReportContext
 DRAWN = [name for name in FIGURES if name != "rig"]
 OWN = [name for name in DRAWN if not name.startswith("toy_")]
 T = np.linspace(0.0, 4.0, 161)
-CONFIG = """
-name: other_units
-seed: 5
-record:
-  file: other_units.csv
-  time: {column: t, unit: ms}
-  channels:
-    twist:
-      column: twist
-      unit: deg
-      measures: theta_1 - theta_2
-      sigma: {prior: log_uniform, low: 0.05, high: 50}
-    motor: {column: motor, unit: rpm, measures: 8 * w_2, sigma: 5}
-inputs:
-  v: {column: v, unit: mV, hold: zero}
-  t_1: {value: 20, unit: mN*m}
-parameters:
-  {j_m: nominal, c_m: nominal, k_e: nominal, k_T: BOX, r_m: BOX, l_m: BOX, j_1: nominal,
-  t_f: 1.0e-3, t_cm: 0.02, k_s: nominal}
-sampler: {ensembles: 4, walkers: 16, r_hat: 1.1, n_tau: 5, ess: 100}
-"""
+CONFIG = (CONFIGS / "other_units.yaml").read_text(encoding="utf-8")
 BOX = "{prior: uniform, low: 0.5, high: 1.5, relative: true}"
 TORQUE = "missing_torque: {at: rotor_1, size: 0.02, time: 0.5}\n"
 

@@ -58,7 +58,7 @@ def test_it_comes_near_the_top(name: str) -> None:
 
 
 @run_cases("name", OPTIMISERS)
-@run_cases("most", [1, 7, 30])
+@run_cases("most", [1, 3, 7, 30])
 def test_it_spends_no_more_evaluations_than_it_may(name: str, most: int) -> None:
     optimum, seen = search(name, most)
     assert optimum.evaluations == len(seen) <= most

@@ -8,21 +8,16 @@ import scipy.io
 import yaml
 from support.case_tables import run_cases
 from support.first_configs import (
-    ANGLE,
     DEG,
     RECORD,
-    SPEED,
-    VOLTAGE,
-    T,
     channels_of,
     draft_of,
     refusal,
     reversing_rig,
     write_table,
 )
-from support.small_problems import starts_believed
 
-import bayesdrill as bd
+from bayesdrill.basics import units
 from bayesdrill.drafting.columns import contradiction, named_column, parse_head
 
 TABLE = yaml.safe_load(Path(__file__).with_name("heads.yaml").read_text(encoding="utf-8"))
@@ -75,48 +70,16 @@ def test_a_name_or_unit_that_cannot_be_read_is_refused(name: str, tmp_path: Path
 
 
 @run_cases(
-    "names, message",
+    "unit, si, size",
     [
-        (["speed=w_s_a [rad/s]", "u=w_a [rad/s]"], "two things would be called w_s_a"),
-        (["speed=w_shaft [rad/s]", "u=w_load [rad/s]"], "called shaft"),
+        ("count/2800", "rad", 2 * np.pi / 2800),
+        ("count/(560/cm)", "m", 1e-2 / 560),
+        ("% of 9.84 mN*m", "N*m", 9.84e-5),
     ],
 )
-def test_two_things_with_one_name_are_refused(
-    names: list[str], message: str, tmp_path: Path
-) -> None:
-    assert message in refusal(write_table(tmp_path / "r.csv", RECORD), *names)
-
-
-FORCE, MOTOR_VOLTAGE, MOTOR_SPEED = "u=f_cart [N]", "u=u_motor [V]", "u=w_motor [rad/s]"
-TURN = 2 * np.pi / 2800
-
-
-@run_cases(
-    "drive, name, typed, unit, si",
-    [
-        (MOTOR_VOLTAGE, "theta_motor", "count/2800", "count/2800", TURN),
-        (MOTOR_VOLTAGE, "theta_motor", "2800 counts per turn", "count/2800", TURN),
-        (FORCE, "x_cart", "count/(560/cm)", "count/(560/cm)", 1e-2 / 560),
-        (FORCE, "x_cart", "560 counts/cm", "count/(560/cm)", 1e-2 / 560),
-        (MOTOR_SPEED, "t_motor", "% of 9.84 mN*m", "% of 9.84 mN*m", 9.84e-5),
-    ],
-)
-@starts_believed()
-def test_counts_and_shares_are_units(
-    drive: str, name: str, typed: str, unit: str, si: float, tmp_path: Path
-) -> None:
+def test_counts_and_shares_are_units(unit: str, si: str, size: float) -> None:
     """Their sizes are those of a turn, of a length and of what a drive is rated for."""
-    is_input = name == "t_motor"
-    columns = {"t": T, "u": VOLTAGE, "y": np.round(400 * ANGLE)}
-    if is_input:
-        columns |= {"u": SPEED, "y": VOLTAGE}
-    path = write_table(tmp_path / "r.csv", columns)
-    draft = draft_of(path, "t=t [s]", drive, f"y={name} [{typed}]")
-    entries = draft["inputs"] if is_input else draft["record"]["channels"]
-    assert entries[name]["unit"] == unit
-    record = bd.load(tmp_path / "r.yaml").job.problem.experiment
-    values = record.series[name] if is_input else record.y[:, 0]
-    assert values[-1] == pytest.approx(si * columns["y"][-1], rel=1e-4)
+    assert units.factor(unit, si) == pytest.approx(size)
 
 
 @pytest.fixture

@@ -23,6 +23,7 @@ from bayesdrill.report.sections.convergence import autocorrelation_figure
 from bayesdrill.report.sections.fit import fit_figure, record_figure
 from bayesdrill.report.sections.identifiability import profile_figure, spectrum_figure
 from bayesdrill.report.sections.nominal import invariants_figure
+from bayesdrill.report.sections.overlay import intervals_figure, overlay_corner_figure
 
 LOGS = frozenset(("c_m", "l_m", "sigma_w_1", "sigma_i"))
 NARROW = 1e-5  # relative width of a posterior whose ticks need an origin
@@ -59,13 +60,10 @@ TWO_EXPERIMENTS = [
     model(name, -3.0 * k, experiments=("up", "down the hill")) for k, name in enumerate("ab")
 ]
 HARD: dict[str, Callable[[], Figure]] = {
-    "corner of 1": lambda: contexts.corner((0,), SINGLE, logs=LOGS),
     "corner of 9": lambda: contexts.corner(NINE, SINGLE, logs=LOGS),
     "narrow corner of 2": lambda: contexts.corner((0, 12), SINGLE, NARROW),
     "narrow corner of 9": lambda: contexts.corner(NINE, width=NARROW),
-    "trace of 9": lambda: contexts.trace(9, SINGLE, logs=LOGS),
     "narrow trace of 9": lambda: contexts.trace(9, SINGLE, NARROW, LOGS),
-    "priors of 9": lambda: contexts.prior_posterior(9, SINGLE, logs=LOGS),
     "narrow priors of 9": lambda: contexts.prior_posterior(9, SINGLE, NARROW, LOGS),
     "profiles": profiles,
     "calibration": calibration,
@@ -73,15 +71,14 @@ HARD: dict[str, Callable[[], Figure]] = {
     "autocorrelation": lambda: autocorrelation_figure(
         contexts.chains(0.9, 4, 400), SYMBOLS[:4], SINGLE
     ),
-    "fit of a channel": lambda: fit_figure(contexts.fit_of(1, 20), SINGLE),
     "fit of three channels": lambda: fit_figure(contexts.fit_of(3, 700, 2), SINGLE),
     "invariants": invariants,
     "spectrum": spectrum,
     "record": lambda: record_figure(contexts.fit_of(2, 200, 1)),
     "ridge": contexts.ridge,
     "ridge in logs": lambda: contexts.ridge(frozenset(("k_s", "j_1"))),
-    "overlay": lambda: contexts.overlaid_corner(6, 3),
-    "intervals": lambda: contexts.overlaid_intervals(6, 3),
+    "overlay": lambda: contexts.overlaid(overlay_corner_figure, contexts.models(6, 3, 60.0)),
+    "intervals": lambda: contexts.overlaid(intervals_figure, contexts.models(6, 3, 60.0)),
     "comparison": lambda: contexts.compared(contexts.models(24, 5, 2e7)),
     "comparison of long names": lambda: contexts.compared(LONG_NAMES),
     "comparison of two experiments": lambda: contexts.compared(TWO_EXPERIMENTS),

@@ -19,11 +19,6 @@ from bayesdrill.rig.models.train import Train
 
 DISCS = tuple(f"disc_{k}" for k in range(1, 7))
 TRAINS: dict[str, Model] = {
-    "two": Train(
-        inertias=("motor", "load"),
-        shafts={"coupling": ["motor", "load"]},
-        drives={"motor": "voltage"},
-    ),
     "six": Train(
         inertias=DISCS,
         shafts={f"s{k}": list(DISCS[k : k + 2]) for k in range(5)},
@@ -72,7 +67,7 @@ def full(rig: Model) -> Model:
     return with_named(rig, [name for name in rig.offers if name not in twice])
 
 
-PICTURES = {f"bare {name}": TRAINS[name] for name in ("two", "branches", "paper")}
+PICTURES = {f"bare {name}": TRAINS[name] for name in ("gear", "branches", "paper")}
 PICTURES |= {f"full {name}": full(rig) for name, rig in TRAINS.items()}
 
 

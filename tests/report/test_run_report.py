@@ -5,14 +5,12 @@ import dataclasses
 import hashlib
 import re
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PIL import Image
+from support import finished_runs
 from support.html_pages import Page, page
-from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill import output_files
@@ -26,30 +24,16 @@ from bayesdrill.report.section import Note, Plain, Table, as_markdown, as_text
 from bayesdrill.report.sections.nominal import run_marks
 from bayesdrill.report.view import ReportContext
 
-T = np.linspace(0.0, 4.0, 161)
-
-
-@cache
-def run() -> bd.Run:
-    """Of a rig whose record says nothing of `c_m`, and whose voltage constant is not the table's."""
-    truth = {**NOMINAL, "k_e": 0.055}
-    exact = bd.respond("motor_shaft", truth, T, {"v": 6.0}, "w_2")["w_2"]
-    noise = 0.1 * np.random.default_rng(6).standard_normal(len(T))
-    box = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-    case = bd.case(
-        T,
-        channels={"w_2": bd.Channel(exact + noise, "rad/s", 0.1)},
-        inputs={"v": 6.0},
-        parameters=dict.fromkeys(NOMINAL, "nominal") | dict.fromkeys(("k_e", "c_m"), box),
-        sampler={"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100},
-        seed=3,
-    )
-    return case.sample()
-
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return run().save(tmp_path_factory.mktemp("pages") / "mine")
+    """Return the folder of a run with all figures."""
+    return finished_runs.run(tmp_path_factory, finished_runs.ALL_FIGURES).folder
+
+
+@pytest.fixture(scope="module")
+def view(saved: Path) -> ReportContext:
+    return bd.open(saved)._view
 
 
 def test_a_run_leaves_a_page_that_needs_nothing_beside_it(saved: Path) -> None:
@@ -81,10 +65,9 @@ def test_a_run_leaves_a_page_that_needs_nothing_beside_it(saved: Path) -> None:
         assert len(image["alt"]) > 20
 
 
-def test_terminal_markdown_and_page_show_the_same_list(saved: Path) -> None:
+def test_terminal_markdown_and_page_show_the_same_list(saved: Path, view: ReportContext) -> None:
     html = Page((saved / "report.html").read_text(encoding="utf-8"))
     markdown = (saved / "summary.md").read_text(encoding="utf-8")
-    view = run()._view
     flat = re.sub(r"\s+", " ", html.text)
     for section in sections(view):
         for block in section.blocks:
@@ -105,8 +88,7 @@ def test_terminal_markdown_and_page_show_the_same_list(saved: Path) -> None:
                 assert words[:60] in flat
 
 
-def test_a_nominal_table_is_in_doubt_where_the_model_does_not_fit() -> None:
-    view = run()._view
+def test_a_nominal_table_is_in_doubt_where_the_model_does_not_fit(view: ReportContext) -> None:
     assert view.analysis.judged is not None
     found = view.analysis.judged.verdict
     products = tuple(dataclasses.replace(one, says="agrees") for one in found.products)
@@ -129,26 +111,24 @@ def analysed(view: ReportContext, **said: object) -> ReportContext:
     return dataclasses.replace(view, analyse=lambda _: analysis)
 
 
-def test_figures_of_draws_wait_for_no_analysis() -> None:
+def test_figures_of_draws_wait_for_no_analysis(view: ReportContext) -> None:
     """They are drawn while it is made."""
 
     def fail(_: object) -> RunAnalysis:
         raise AssertionError("the analysis is asked for")
 
-    view = dataclasses.replace(run()._view, analyse=fail)
+    view = dataclasses.replace(view, analyse=fail)
     assert not view.warning
     drawn = [stem for name in output_files.FROM_DRAWS for stem in publish.drawings(name, view)]
     assert drawn == ["corner", "trace", "prior_posterior"]
 
 
-def unfit() -> ReportContext:
-    """Of a run that converged to what does not fit."""
-    view = run()._view
+def unfit(view: ReportContext) -> ReportContext:
+    """Return that of a run that converged to what does not fit."""
     return analysed(view, fit=tuple(dataclasses.replace(one, rms=9.0) for one in view.analysis.fit))
 
 
-def stopped() -> ReportContext:
-    view = run()._view
+def stopped(view: ReportContext) -> ReportContext:
     convergence = dataclasses.replace(
         view.sampled.convergence, reasons=(Finding("nothing sampled", {"why": "too short"}),)
     )
@@ -164,9 +144,10 @@ def stopped() -> ReportContext:
     ],
 )
 def test_nothing_is_good_about_a_run_that_must_not_be_believed(
-    made: Callable[[], ReportContext], shown: list[str]
+    made: Callable[[ReportContext], ReportContext], shown: list[str], view: ReportContext
 ) -> None:
-    view = made()
+    assert RunReport(view).reasons == ()
+    view = made(view)
     assert [(one.text, one.tone) for one in run_marks(view)] == [
         (shown[0], "bad"),
         (shown[1], "plain"),
@@ -182,11 +163,9 @@ def test_nothing_is_good_about_a_run_that_must_not_be_believed(
     assert terminal[-2].startswith("DO NOT BELIEVE these numbers")
     assert all(f"  - {reason}" in terminal[-2] for reason in view.reasons)
     assert RunReport(view).reasons == view.reasons
-    assert run().judge().reasons == ()
 
 
-def test_a_rig_without_nominal_values_has_no_columns_of_them() -> None:
-    view = run()._view
+def test_a_rig_without_nominal_values_has_no_columns_of_them(view: ReportContext) -> None:
     rows, derived = (
         tuple(dataclasses.replace(row, nominal=None, deviation=None) for row in every)
         for every in (view.analysis.unknowns, view.analysis.derived)

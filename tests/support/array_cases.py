@@ -1,14 +1,18 @@
 """Cases of arrays, for tests of the API."""
 
+import dataclasses
 from functools import cache
 from typing import Any
 
 import numpy as np
+from support.command_line import ROOT
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 
+CONFIG = ROOT / "configs" / "nominal_step.yaml"
+CAMPAIGN = ROOT / "configs" / "campaign" / "shaft.yaml"
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 FAST = {"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100}
 T = np.linspace(0.0, 6.0, 241)
@@ -50,3 +54,22 @@ def late_angle() -> bd.Channel:
 @cache
 def run() -> bd.Run:
     return two().sample()
+
+
+@cache
+def results() -> dict[str, Any]:
+    """Return one of each kind of result that the API hands out, by its public name."""
+    judged, again = run().judge(), dataclasses.replace(run())
+    return {
+        "Case": two(),
+        "Best": bd.Best(run().job, run().mode, run().columns),
+        "Run": run(),
+        "RunReport": judged,
+        "Findings": two().identify(),
+        "Verdict": judged.verdict,
+        "Overlay": bd.overlay([run(), run()]),
+        "Comparison": bd.compare([run(), again]),
+        "Ladder": bd.ladder(CONFIG),
+        "Calibration": bd.calibration(CONFIG),
+        "Campaign": bd.campaign(CAMPAIGN),
+    }

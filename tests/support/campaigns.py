@@ -7,8 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pytest
 from support import command_line
 from support.command_line import CommandResult, cli
+from support.simulated_campaigns import BRIEF
+
+from bayesdrill.campaigns import study
+from bayesdrill.campaigns.population import PopulationSettings
 
 CAMPAIGN = """\
 name: many
@@ -50,6 +55,14 @@ def campaign(folder: Path, *changes: tuple[str, str], text: str = CAMPAIGN) -> P
     return path
 
 
+def run(*arguments: str | Path) -> CommandResult:
+    """Run a command whose population is sampled until targets that are soon met."""
+    with pytest.MonkeyPatch.context() as patch:
+        brief = functools.partial(PopulationSettings, targets=BRIEF)
+        patch.setattr(study, "PopulationSettings", brief)
+        return cli(*arguments)
+
+
 @dataclass(frozen=True)
 class Finished:
     path: Path
@@ -57,7 +70,7 @@ class Finished:
     result: CommandResult
 
     def command(self, name: str, *options: str) -> CommandResult:
-        return cli(name, self.path, "-o", self.folder, "--processes", "1", *options)
+        return run(name, self.path, "-o", self.folder, "--processes", "1", *options)
 
     def copied(self, folder: Path) -> "Finished":
         shutil.copytree(self.path.parent, folder)
@@ -81,4 +94,4 @@ def finished(base: Path) -> Finished:
     """Return a finished campaign of four runs in the folder `base`; it is not to be changed."""
     path = campaign(base / "finished_campaign", text=QUICK)
     folder = path.parent / "out"
-    return Finished(path, folder, cli("campaign", path, "-o", folder, "--processes", "1"))
+    return Finished(path, folder, run("campaign", path, "-o", folder, "--processes", "1"))

@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 import typer
+from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 import bayesdrill.cli
@@ -31,6 +32,7 @@ CONFIGS = Path(__file__).parent / "configs"  # tests change them by replacements
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 SMALL = (CONFIGS / "small.yaml").read_text(encoding="utf-8")
+REFUSALS = YAML(typ="safe").load(ROOT / "tests" / "system" / "refusals.yaml")
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ def cli(*arguments: str | Path, program: typer.Typer = app) -> CommandResult:
         with pytest.MonkeyPatch.context() as patch:
             for module in (api_arguments, bayesdrill.cli):
                 patch.setattr(module, "available_processors", lambda: 1)
-            patch.setattr(remote, "local_executor", _executor)
+            patch.setattr(remote, "local_executor", executor)
             patch.setattr(typer.testing, "_get_command", _command)
             result = CliRunner().invoke(program, [str(argument) for argument in arguments])
     finally:
@@ -72,7 +74,7 @@ def _command(program: typer.Typer) -> Any:
 
 
 @contextmanager
-def _executor(
+def executor(
     processes: int, several: Callable[[int], Any] = remote.local_executor
 ) -> Iterator[remote.RefitExecutor]:
     """Yield a thread of this process in the place of one worker."""

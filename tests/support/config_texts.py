@@ -33,7 +33,6 @@ def save(folder: Path, name: str, **columns: np.ndarray | list[str]) -> None:
 
 # A speed and an angle of the paper's rig, of which only the stiffness is unknown.
 
-HELD = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "j_1", "t_f")
 MEASURED = (CONFIGS / "measured.yaml").read_text(encoding="utf-8")
 T = 0.3 + np.arange(240) * 0.01
 RNG = np.random.default_rng(6)

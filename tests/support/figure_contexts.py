@@ -1,14 +1,13 @@
 """Made contexts of figures, and figures of them as they are rendered."""
 
-import dataclasses
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from functools import cache
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from support.compared_models import model, problem
+from support.compared_models import model
 from support.figure_checks import (
     SIGMAS,
     SYMBOLS,
@@ -21,19 +20,17 @@ from support.figure_checks import (
 )
 
 from bayesdrill.analysis.calibration import Refit
-from bayesdrill.analysis.comparison import PosteriorSummary, RunSummary, overlay_rows
+from bayesdrill.analysis.comparison import RunSummary, overlay_rows
 from bayesdrill.analysis.diagnostics import rank_histograms
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.display_units import SI, DisplayedUnknowns
 from bayesdrill.inference.priors import LogUniform
-from bayesdrill.record.experiment import Channel
 from bayesdrill.report.scales import DOUBLE, TIME
 from bayesdrill.report.sections.comparison import comparison_figure
 from bayesdrill.report.sections.convergence import rank_figure, trace_figure
 from bayesdrill.report.sections.corner import corner_figure
 from bayesdrill.report.sections.fit import Course, Fit, Signal, measured
-from bayesdrill.report.sections.overlay import intervals_figure, overlay_corner_figure
 from bayesdrill.report.sections.parameters import (
     CorrelatedPair,
     prior_posterior_figure,
@@ -90,18 +87,13 @@ def ridge(logs: Collection[str] = frozenset()) -> Figure:
     return drawn(ridge_figure(draws, CorrelatedPair((6, 7), (1, 2)), shown))
 
 
-def trace_of(n: int = 9, width: float | None = None) -> Array:
-    """Return three ensembles of 12 walkers, 500 steps long."""
-    return posterior(3 * 500 * 12, width)[:, :n].reshape(3, 500, 12, n)
-
-
 def trace(
     n: int = 9,
     inches: float = DOUBLE,
     width: float | None = None,
     logs: Collection[str] = frozenset(),
 ) -> Figure:
-    theta = trace_of(n, width)
+    theta = posterior(3 * 500 * 12, width)[:, :n].reshape(3, 500, 12, n)
     shown = unknowns(theta.reshape(-1, n), SYMBOLS[:n], logs)
     return drawn(trace_figure(theta, shown, 70, inches))
 
@@ -167,10 +159,6 @@ def fit_of(n_channels: int, n_samples: int, courses: int = 0) -> Fit:
     return Fit(t=t, time=TIME, signals=tuple(signals), courses=driven, constant=((V, 8.0),))
 
 
-def channel(name: str = "w_1") -> Channel:
-    return Channel(name=name, weights={}, unit="rad/s", latex=r"\dot\theta_1", latex_unit="rad/s")
-
-
 def models(n: int, n_unknowns: int, wide: float) -> list[RunSummary]:
     """The last is the most probable, and by far."""
     return [
@@ -192,34 +180,6 @@ def compared(summaries: list[RunSummary]) -> Figure:
     return drawn(comparison_figure(summaries, rows, SI))
 
 
-def layers(n_runs: int, n_unknowns: int) -> list[PosteriorSummary]:
-    """The runs lie beside each other, each narrower; the last has not the last unknown."""
-    summaries = []
-    for k in range(n_runs):
-        there = max(n_unknowns - (k == n_runs - 1), 1)
-        x = posterior(1500)[:, :there]
-        mean, sd = x.mean(axis=0), x.std(axis=0)
-        summaries.append(
-            PosteriorSummary(
-                name=f"run_with_a_name_{k}",
-                mark=str(k),
-                problem=dataclasses.replace(problem(), symbols=problem().symbols[:there]),
-                draws=mean + (x - mean) / (1 + 0.5 * k) + 0.8 * k * sd,
-                settings={"seed": str(k)},
-                warning="NOT CONVERGED" if k == 1 else "",
-                reasons=("the ensembles disagree",) if k == 1 else (),
-            )
-        )
-    return summaries
-
-
-@cache
-def overlaid_corner(n_runs: int, n_unknowns: int) -> Figure:
-    summaries = layers(n_runs, n_unknowns)
-    return drawn(overlay_corner_figure(summaries, overlay_rows(summaries), SI))
-
-
-@cache
-def overlaid_intervals(n_runs: int, n_unknowns: int) -> Figure:
-    summaries = layers(n_runs, n_unknowns)
-    return drawn(intervals_figure(summaries, overlay_rows(summaries), SI))
+def overlaid(figure: Callable[..., Figure], summaries: list[RunSummary]) -> Figure:
+    layers = [summary.layer for summary in summaries]
+    return drawn(figure(layers, overlay_rows(layers), SI))

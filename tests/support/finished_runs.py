@@ -27,6 +27,7 @@ FILES = {  # of a run without figures
     *("posterior.nc", "report.html", "run.json", "summary.csv", "summary.md", "table.tex"),
     *("verdict.csv", "figures"),
 }
+NOTHING_PRINTED = command_line.CommandResult(0, "", "")
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class FinishedRun:
 
     config: Path
     folder: Path
-    result: command_line.CommandResult
+    result: command_line.CommandResult = NOTHING_PRINTED
 
     @property
     def json(self) -> dict[str, Any]:
@@ -65,6 +66,11 @@ class FinishedRun:
         shutil.copytree(self.config.parent, place)
         name = self.folder.relative_to(self.config.parent)
         return replace(self, config=place / self.config.name, folder=place / name)
+
+
+def copied_run(converged: FinishedRun, tmp_path: Path) -> FinishedRun:
+    """Return a copy of a run, to be changed."""
+    return converged.copy(tmp_path / "copy")
 
 
 def run(factory: pytest.TempPathFactory, *changes: tuple[str, str]) -> FinishedRun:

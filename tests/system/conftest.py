@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from support import finished_runs
@@ -41,7 +40,4 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> FinishedRun:
     return finished_runs.run(tmp_path_factory, finished_runs.ALL_FIGURES)
 
 
-@pytest.fixture
-def copy(converged: FinishedRun, tmp_path: Path) -> FinishedRun:
-    """The converged run, to be changed."""
-    return converged.copy(tmp_path / "copy")
+copy = pytest.fixture(finished_runs.copied_run, name="copy")

@@ -231,15 +231,6 @@ def messages() -> list[str]:
     return result.err.splitlines()
 
 
-def test_the_good_experiment_passes(here: Path) -> None:
-    command_line.small_config(here)
-    before = command_line.listing(here)
-    result = command_line.cli("check", "small.yaml")
-    assert (result.status, result.err) == (0, "")
-    assert "would run" in result.out
-    assert command_line.listing(here) == before
-
-
 @run_cases("case", CASES, ids=lambda case: case["name"])
 def test_a_mistake_is_named_with_its_place_and_a_way_out(
     case: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

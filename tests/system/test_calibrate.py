@@ -1,21 +1,19 @@
 """`bayesdrill calibrate CONFIG`: the same ranks wherever and however they are computed."""
 
-import json
 import os
-import shutil
 import signal
 import subprocess
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 from support import command_line
 from support.case_tables import run_cases
 from support.command_line import assert_refused, replace_text
+from support.finished_runs import FinishedRun
+from support.reporters import Stopping
 
 from bayesdrill.analysis.calibration import CalibrationStudy, refit
 from bayesdrill.basics.errors import InputError, Interrupted
@@ -23,32 +21,13 @@ from bayesdrill.basics.progress import Reporter, Silent
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
 from bayesdrill.tasks import calibrate, remote
 
-QUICK = "calibration: {refits: 10, draws: 19, n_tau: 5, ess: 50, max_steps: 600}"
+QUICK = "calibration: {refits: 10, draws: 19, n_tau: 5, ess: 50, max_steps: 100}"
 
 
-@dataclass(frozen=True)
-class Stopping(Silent):
-    """A reporter that raises Ctrl-C when this fraction of the work is done."""
-
-    fraction: float
-
-    def update(self, fraction: float, text: str) -> None:
-        if self.fraction <= fraction < 1:
-            raise KeyboardInterrupt
-
-
-@dataclass(frozen=True)
-class Calibration:
-    config: Path
-    folder: Path
-
+class Calibration(FinishedRun):
     @property
     def ranks(self) -> bytes:
         return (self.folder / "ranks.csv").read_bytes()
-
-    @property
-    def run(self) -> dict[str, Any]:
-        return dict(json.loads((self.folder / "run.json").read_text()))
 
     def command(self, *options: str) -> command_line.CommandResult:
         arguments = ("calibrate", self.config, "-o", self.folder, "--processes", "1")
@@ -59,13 +38,9 @@ class Calibration:
 
     def calibrate(self, how: str, reporter: Reporter) -> None:
         """In this process, without the command line."""
-        with ThreadPoolExecutor(1) as pool:
-            crew = remote.RefitExecutor(pool)
-            try:
-                job = calibrate.prepare(self.config)
-                calibrate.calibrate(job, self.folder, how, crew, reporter)  # type: ignore[arg-type]
-            finally:
-                pool.shutdown(cancel_futures=True)
+        job = calibrate.prepare(self.config)
+        with command_line.executor(1) as crew:
+            calibrate.calibrate(job, self.folder, how, crew, reporter)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -81,8 +56,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
 @pytest.fixture
 def copy(finished: Calibration, tmp_path: Path) -> Calibration:
     """The same, to be changed."""
-    shutil.copytree(finished.config.parent, tmp_path / "copy")
-    return Calibration(tmp_path / "copy" / "small.yaml", tmp_path / "copy" / "out")
+    return finished.copy(tmp_path / "copy")
 
 
 @pytest.fixture
@@ -136,8 +110,8 @@ def test_ctrl_c_keeps_the_refits_that_are_done(
 ) -> None:
     calibration = Calibration(finished.config, tmp_path / "out")
     with pytest.raises(Interrupted, match="saved"):
-        calibration.calibrate("fresh", Stopping(0.05))
-    assert calibration.run["status"] == "interrupted"
+        calibration.calibrate("fresh", Stopping(lambda fraction, _: fraction >= 0.05))
+    assert calibration.json["status"] == "interrupted"
     kept = calibrate.saved(calibration.folder / ".refits", study)
     assert 1 <= len(kept) < 10
     assert set(kept) <= set(calibrate.saved(finished.folder / ".refits", study))
@@ -159,7 +133,7 @@ def test_a_resumed_calibration_equals_one_without_interruption(
     "old, new, message",
     [
         ("ess: 50,", "ess: 18,", "18 effective draws are fewer than 19 independent ones"),
-        ("max_steps: 600", "max_steps: 99", "calibration.max_steps: 99"),
+        ("max_steps: 100", "max_steps: 99", "calibration.max_steps: 99"),
         ("refits: 10", "refits: 9", "calibration.refits"),
     ],
 )
@@ -184,7 +158,7 @@ def test_a_damaged_refit_is_named(copy: Calibration) -> None:
 
 def test_the_status_is_the_verdict(copy: Calibration) -> None:
     """A posterior that is far too high gives ranks of zero everywhere."""
-    assert copy.resume().status == (0 if copy.run["calibrated"] else 3)
+    assert copy.resume().status == (0 if copy.json["calibrated"] else 3)
     for path in (copy.folder / ".refits").glob("*.json"):
         data = loads_checksummed(path.read_bytes())
         path.write_text(dumps_checksummed({**data, "ranks": [0, 0, 0]}))
@@ -223,7 +197,7 @@ def test_a_calibration_that_is_stopped_loses_nothing(
     if number != signal.SIGKILL:
         assert process.returncode == 130, err
         assert "continue with --resume" in err
-        assert calibration.run["status"] == "interrupted"
+        assert calibration.json["status"] == "interrupted"
     result = command_line.run_process(*arguments, "--resume", cwd=tmp_path)
     assert result.status in (0, 3), result.text
     assert calibration.ranks == finished.ranks

@@ -208,7 +208,7 @@ simulation:
 @pytest.mark.slow
 def test_two_workers_write_the_same_bytes_as_one(finished: Finished, tmp_path: Path) -> None:
     other = Finished(finished.path, tmp_path / "out", finished.result)
-    cli("campaign", finished.path, "-o", other.folder, "--processes", "2")
+    campaigns.run("campaign", finished.path, "-o", other.folder, "--processes", "2")
     assert other.draws == finished.draws
     assert other.record["population"] == finished.record["population"]
 

@@ -15,7 +15,7 @@ from ruamel.yaml import YAML
 from support import campaigns, command_line
 from support.campaigns import Finished
 from support.case_tables import run_cases
-from support.command_line import assert_refused, cli, replace_text
+from support.command_line import assert_refused, replace_text
 
 from bayesdrill import output_files
 from bayesdrill.campaigns import fits, study
@@ -165,7 +165,7 @@ def test_what_goes_wrong_is_named_and_costs_nothing(
     if "spoil" in case:
         SPOIL[case["spoil"]](folder, monkeypatch)
     before = command_line.listing(folder)
-    result = cli(*COMMANDS[case.get("run", "check")])
+    result = campaigns.run(*COMMANDS[case.get("run", "check")])
     assert_refused(result, *case["says"])
     messages = [line for line in result.err.splitlines() if not line.startswith("  ")]
     assert len(messages) <= case.get("messages", len(messages)), result.err

@@ -9,8 +9,7 @@ import xarray
 from scipy.special import logsumexp
 from scipy.stats import norm
 from support import two_experiments
-from support.case_tables import run_cases
-from support.command_line import assert_refused, cli, posterior, replace_text, table
+from support.command_line import CONFIGS, assert_refused, cli, posterior, replace_text, table
 
 import bayesdrill as bd
 from bayesdrill.analysis.prediction import held_out
@@ -127,26 +126,7 @@ def test_refits_have_the_priors_of_the_run_and_no_measured_value(tmp_path: Path)
 
 
 SIGMA = 0.1
-CONFIG = """\
-name: held
-seed: 7
-record:
-  time: {column: t, unit: s}
-  channels:
-    w_1: {column: w_1, unit: rad/s, sigma: 0.1, offset: {prior: normal, mean: 0, sd: 0.5}}
-    w_2: {column: w_2, unit: rad/s, sigma: 0.1}
-experiments:
-  slow: {record: {file: slow.csv}, inputs: {v: 5.0}}
-  fast: {record: {file: fast.csv}, inputs: {v: 9.0}HELD_OUT}
-shared: SHARED
-parameters:
-  {j_m: nominal, c_m: nominal, k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}, k_T: nominal,
-   r_m: nominal, l_m: nominal, k_s: K_S, j_1: nominal, t_f: nominal}
-map: {starts: 1, evaluations: 300}
-sampler: {walkers: 24, ess: 400, n_tau: 10}
-output: {predictive_draws: 10, figures: [fit]}
-simulation: {duration: 4.0, rate: 25}
-"""
+CONFIG = (CONFIGS / "held.yaml").read_text(encoding="utf-8")
 USUAL = {
     "HELD_OUT": ", held_out: true",
     "SHARED": "[offset_w_1]",
@@ -211,25 +191,3 @@ def test_models_are_compared_by_what_they_predict(records: Path, tmp_path: Path)
     assert cli("verify", tmp_path / "given").status == 0
     refused = cli("compare", tmp_path / "given", tmp_path / "whole", "-o", tmp_path / "no")
     assert_refused(refused, "held out as a whole")
-
-
-AWAY = ", held_out: true"
-
-
-@run_cases(
-    "old, new, message",
-    [
-        ("[offset_w_1]", "[]", "no fitted record determines offset_w_1 of fast; give a "
-         "number, or add it to `shared:`"),
-        ("[offset_w_1]", "[offset_w_1]\nown: [k_s]",
-         "no fitted record determines k_s of fast, which is held out"),
-        (AWAY, f"{AWAY}}}\n  more: {{held_out: 3", "experiments.more.held_out"),
-        ("{v: 5.0}}", f"{{v: 5.0}}{AWAY}}}", "all are held out; leave one to be fitted"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_held_out_is_refused(
-    records: Path, old: str, new: str, message: str
-) -> None:
-    config = write(records, "wrong")
-    replace_text(config, old, new)
-    assert_refused(cli("check", config), message)

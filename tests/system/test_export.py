@@ -2,11 +2,11 @@
 
 import dataclasses
 import json
-import warnings
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from support import finished_runs
 from support.array_cases import run as sampled_run
 from support.case_tables import run_cases
 
@@ -108,10 +108,8 @@ def test_json_has_spread_and_draws(run, model):
     assert stiffness["map"] == pytest.approx(run.mode.values.get("k_s", means(run)["k_s"]))
 
 
-def test_command_writes_and_refuses(run, tmp_path, capsys):
-    with warnings.catch_warnings():  # whether all figures could be drawn is no matter here
-        warnings.simplefilter("ignore", UserWarning)
-        folder = run.save(tmp_path / "run")
+def test_command_writes_and_refuses(tmp_path, tmp_path_factory):
+    folder = finished_runs.run(tmp_path_factory).folder
     target = tmp_path / "rig.xml"
     text = bd.export(folder, "mjcf", target)
     assert target.read_text() == text

@@ -83,7 +83,7 @@ def begun(folder: Path, processes: int, saved: int, started: Processes) -> Finis
     started.append(process)
     wait_for(process, (folder / "out" / "run.json").exists)
     wait_for(process, lambda: pieces(folder / "out") >= saved)
-    return FinishedRun(config, folder / "out", command_line.CommandResult(0, "", ""))
+    return FinishedRun(config, folder / "out")
 
 
 def assert_resumes(
@@ -269,7 +269,7 @@ def test_a_run_goes_on_when_its_output_is_closed(
     process.stdout.close()
     process.stdout = None
     assert process.wait(timeout=60) == 0
-    run = FinishedRun(config, folder, command_line.CommandResult(0, "", ""))
+    run = FinishedRun(config, folder)
     assert run.json["status"] == "finished"
     converged.assert_same_chains(run)
 

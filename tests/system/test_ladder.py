@@ -5,14 +5,15 @@ import json
 import math
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support import command_line
 from support.command_line import CONFIGS, assert_refused
+from support.finished_runs import FinishedRun
+from support.reporters import Stopping
 
 from bayesdrill.analysis.causes import SURE_LOG_ODDS
 from bayesdrill.analysis.refits import RefitMaximum, refit_candidate
@@ -44,58 +45,29 @@ def turned() -> str:
     return "t,t_m,w_2\n" + "".join(f"{a:.6g},{b:.6g},{c:.6g}\n" for a, b, c in rows)
 
 
-@dataclass
-class Stopping:
-    """A reporter that raises Ctrl-C when this number of rungs is finished."""
-
-    rungs: int
-    said: list[str] = field(default_factory=list)
-
-    def say(self, text: str) -> None:
-        self.said.append(text)
-
-    def update(self, fraction: float, text: str) -> None:
-        if text.startswith(f"{self.rungs} ") and fraction < 1:
-            raise KeyboardInterrupt
-
-
 def run_ladder(config: Path, folder: Path, how: str, reporter: Reporter) -> None:
     """Make a ladder in this process, without the command line."""
-    with ThreadPoolExecutor(1) as pool:
-        crew = remote.RefitExecutor(pool)
-        try:
-            ladder.ladder(prepare(config), folder, how, crew, reporter)  # type: ignore[arg-type]
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-
-@dataclass(frozen=True)
-class Ladder:
-    config: Path
-    folder: Path
-
-    @property
-    def run(self) -> dict[str, object]:
-        return dict(json.loads((self.folder / "run.json").read_text()))
+    with command_line.executor(1) as crew:
+        ladder.ladder(prepare(config), folder, how, crew, reporter)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Ladder:
+def finished(tmp_path_factory: pytest.TempPathFactory) -> FinishedRun:
     """A ladder of a motor with friction from a config without it, which was stopped once."""
     place = tmp_path_factory.mktemp("ladder")
     given = place / "given.yaml"
     given.write_text(CONFIG)
     (place / "turned.csv").write_text(turned())
     with pytest.raises(Interrupted, match="continue with --resume"):
-        run_ladder(given, place / "out", "fresh", Stopping(1))
+        run_ladder(given, place / "out", "fresh", Stopping(lambda _, text: text.startswith("1 ")))
     assert json.loads((place / "out" / "run.json").read_text())["status"] == "interrupted"
     before = {p: p.stat().st_mtime_ns for p in (place / "out").glob("*/chain.h5")}
     assert len(before) == 1
-    reporter = Stopping(-1)
+    reporter = Stopping()
     run_ladder(given, place / "out", "resume", reporter)
     assert "(1 of them done before)" in reporter.said[-1]
     assert all(path.stat().st_mtime_ns == time for path, time in before.items())
-    return Ladder(given, place / "out")
+    return FinishedRun(given, place / "out")
 
 
 def guessed(
@@ -179,8 +151,8 @@ def test_what_stands_for_a_part_is_removed_before_more_is_built_upon_it(tmp_path
 
 
 @pytest.mark.slow
-def test_the_missing_friction_is_named_and_recommended(finished: Ladder) -> None:
-    run = finished.run
+def test_the_missing_friction_is_named_and_recommended(finished: FinishedRun) -> None:
+    run = finished.json
     assert run["status"] == "finished"
     assert (run["verdict"], run["recommended"]) == ("model", "friction_motor")
     assert run["candidates"]["ranked"][0]["parts"] == ["friction_motor"]
@@ -197,7 +169,7 @@ def test_the_missing_friction_is_named_and_recommended(finished: Ladder) -> None
     assert config.parameters.get("t_cm") is not None
 
 
-def test_a_rung_is_the_run_of_its_config(finished: Ladder, tmp_path: Path) -> None:
+def test_a_rung_is_the_run_of_its_config(finished: FinishedRun, tmp_path: Path) -> None:
     """Byte for byte; and it can be reported and compared again."""
     alone, mine = tmp_path / "alone", finished.folder / "model_1"
     command_line.cli("posterior", mine / "config.resolved.yaml", "-o", alone, "--processes", "1")
@@ -206,13 +178,13 @@ def test_a_rung_is_the_run_of_its_config(finished: Ladder, tmp_path: Path) -> No
     runs = [json.loads((folder / "run.json").read_text()) for folder in (mine, alone)]
     evidence = [run["evidence"]["log_z"] for run in runs]
     assert evidence[0] == evidence[1]
-    assert finished.run["log_evidence"]["friction_motor"] == evidence[0]
+    assert finished.json["log_evidence"]["friction_motor"] == evidence[0]
     result = command_line.cli("compare", finished.folder / "model_2", mine, "-o", tmp_path / "two")
     assert "verdict: MODEL" in result.out
 
 
 def test_verify_names_a_changed_table_of_a_rung_or_of_the_comparison(
-    finished: Ladder, tmp_path: Path
+    finished: FinishedRun, tmp_path: Path
 ) -> None:
     assert command_line.cli("verify", finished.folder).status == 0
     for k, place in enumerate(("model_1/summary.csv", "comparison.csv")):
@@ -227,7 +199,9 @@ def test_verify_names_a_changed_table_of_a_rung_or_of_the_comparison(
 
 
 @pytest.mark.slow
-def test_processes_and_a_cluster_give_the_same_comparison(finished: Ladder, tmp_path: Path) -> None:
+def test_processes_and_a_cluster_give_the_same_comparison(
+    finished: FinishedRun, tmp_path: Path
+) -> None:
     distributed = pytest.importorskip("distributed")
     table = (finished.folder / "comparison.csv").read_bytes()
     result = command_line.cli("ladder", finished.config, "-o", tmp_path / "two", "--processes", "2")

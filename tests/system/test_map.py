@@ -1,7 +1,6 @@
 """`bayesdrill map CONFIG`: the maximum of the posterior, what it predicts, and why a fit is bad."""
 
 import csv
-import shutil
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from support import command_line
 from support.command_line import assert_refused, cli
 from support.scipy_oracles import NOMINAL, by_expm
-from support.unexplained_records import try_only, write
+from support.unexplained_records import try_only
 
 import bayesdrill as bd
 from bayesdrill.output_files import loads_checksummed
@@ -89,28 +88,22 @@ def test_a_maximum_of_arrays_is_kept_with_its_record(tmp_path: Path) -> None:
     assert loads_checksummed((out / "map.json").read_bytes())["values"] == dict(best().values)
 
 
-@pytest.fixture(scope="module")
-def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the small experiment and its maximum in `out`, not to be changed."""
-    place = tmp_path_factory.mktemp("mapped")
-    config = command_line.small_config(place)
-    before = command_line.listing(place)
+def test_a_map_is_written_on_request_and_a_missing_file_of_it_made_again(tmp_path: Path) -> None:
+    config, out = command_line.small_config(tmp_path), tmp_path / "out"
+    before = command_line.listing(tmp_path)
     result = cli("map", config, "--processes", "1")
     assert result.status == 0
     assert "k_e" in result.out
-    assert command_line.listing(place) == before  # without --output nothing is written
-    result = cli("map", config, "--output", place / "out", "--processes", "1")
+    assert command_line.listing(tmp_path) == before
+    command = ("map", config, "--output", out, "--processes", "1")
+    result = cli(*command)
     assert result.status == 0, result.text
-    assert set(command_line.listing(place / "out")) == FILES
-    assert f"results: {place / 'out'}/" in result.out
-    return place
-
-
-@pytest.fixture
-def rig(mapped: Path, tmp_path: Path) -> Path:
-    """The same, to be changed."""
-    shutil.copytree(mapped, tmp_path / "rig")
-    return tmp_path / "rig"
+    assert set(command_line.listing(out)) == FILES
+    assert f"results: {out}/" in result.out
+    (out / "map.csv").unlink()
+    assert_refused(cli("verify", out), "`bayesdrill map --force` makes it again")
+    assert cli(*command, "--force").status == 0
+    assert cli("verify", out).status == 0
 
 
 def test_a_fit_that_must_not_be_believed_ends_with_status_3(tmp_path: Path) -> None:
@@ -130,74 +123,17 @@ def test_a_fit_that_must_not_be_believed_ends_with_status_3(tmp_path: Path) -> N
     assert "BELIEVE" not in best().table
 
 
-def advice(out: str) -> str:
-    """Return what the most probable cause A adds to the config."""
-    (line,) = [line for line in out.splitlines() if line.startswith("fit: A is the config with ")]
-    return line.removeprefix("fit: A is the config with ").rstrip(".")
-
-
-U = 5.0 * np.sign(np.sin(4.0 * np.arange(400) / 100)) + np.sin(11.0 * np.arange(400) / 100)
-TRAIN = """\
-name: early
-seed: 1
-record:
-  file: record.csv
-  time: {column: t, unit: s}
-  channels:
-    w_motor: {column: w_motor, unit: rad/s, sigma: 0.1}
-    w_load: {column: w_load, unit: rad/s, sigma: 0.1, lag: LAG}
-inputs: {u_motor: {column: u, unit: V}}
-model: {name: train, inertias: [motor, load], shafts: {s: [motor, load]}, drives: {motor: voltage}}
-map: {starts: 2}
-parameters: {j_motor: 0.01, j_load: LOAD, k_s: SHAFT, c_s: 0.02, k_T_motor: 0.5, r_motor: 1.0,
-  k_e_motor: 0.5}
-"""
-WIDE = {
-    "LOAD": "{prior: uniform, low: 0.005, high: 0.04}",
-    "SHAFT": "{prior: log_uniform, low: 0.3, high: 30}",
-    "LAG": "{prior: uniform, low: -0.05, high: 0.05}",
-}
-NARROW = {
-    "LOAD": ("j_load", "{prior: uniform, low: 0.005, high: 0.015}"),
-    "SHAFT": ("k_s", "{prior: log_uniform, low: 0.3, high: 2.0}"),
-    "LAG": ("lag_w_load", "{prior: uniform, low: -0.05, high: 0.01}"),
-}
-
-
-@pytest.mark.parametrize(
-    ("name", "parts"),
-    [
-        ("LOAD", {"prior_j_load", "gain_w_motor", "gain_w_load", "offset_w_load", "damping_load"}),
-        *(pytest.param(x, {}, marks=pytest.mark.slow) for x in ("LOAD", "SHAFT", "LAG")),
-    ],
-)
 def test_a_prior_that_ends_too_early_is_widened(
-    name: str, parts: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And the config that `--apply` writes fits; few of the candidates are tried, or all."""
-    try_only(parts, monkeypatch)
-    rig = bd.Train(
-        inertias=("motor", "load"),
-        shafts={"s": ["motor", "load"]},
-        drives={"motor": "voltage"},
-        added=("c_s", "k_e_motor"),
-    )
-    truth = {"j_motor": 0.01, "j_load": 0.02, "k_s": 3.0, "c_s": 0.02, "k_T_motor": 0.5}
-    truth |= {"r_motor": 1.0, "k_e_motor": 0.5}
-    t = np.arange(400) / 100
-    exact = bd.respond(rig, truth, t, {"u_motor": U}, ["w_motor", "w_load"])
-    late = np.concatenate([np.zeros(2), exact["w_load"][:-2]])
-    rng = np.random.default_rng(4)
-    speeds = {"w_motor": exact["w_motor"], "w_load": late}
-    noisy = {channel: w + 0.1 * rng.standard_normal(len(t)) for channel, w in speeds.items()}
-    unknown, narrow = NARROW[name]
-    text = TRAIN
-    for key, prior in {**WIDE, name: narrow}.items():
-        text = text.replace(key, prior)
-    path, new = write(tmp_path, text, {"t": t, "u": U, **noisy}), tmp_path / "new.yaml"
+    """And the config that `--apply` writes fits."""
+    try_only({"prior_j_1", "gain_theta_1", "offset_w_1", "damping_rotor_1"}, monkeypatch)
+    early = ("1.5, relative: true}\n  t_f", "0.8, relative: true, start: 0.02}\n  t_f")
+    path, new = command_line.small_config(tmp_path, early), tmp_path / "new.yaml"
     result = cli("map", path, "--processes", "1", "--apply", new)
-    assert advice(result.out) == f"a wider prior of {unknown}"
-    assert f"prior: {unknown} is at an end of its prior" in result.out
+    (line,) = [x for x in result.out.splitlines() if x.startswith("fit: A is the config with ")]
+    assert line == "fit: A is the config with a wider prior of j_1."
+    assert "prior: j_1 is at an end of its prior" in result.out
     again = cli("map", new, "--processes", "1")
     assert "the residuals look like the noise" in again.out
     assert again.status == 0

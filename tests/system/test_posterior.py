@@ -8,7 +8,6 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from emcee.backends import HDFBackend
 from support import command_line, finished_runs
 from support.finished_runs import FIGURES, FILES, FinishedRun
 
@@ -135,16 +134,6 @@ def test_python_without_docstrings_is_refused(
     assert result.err.splitlines() == [
         "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
     ]
-
-
-def test_the_chain_is_an_emcee_backend(converged: FinishedRun) -> None:
-    for k in range(4):
-        path = str(converged.folder / "chain.h5")
-        backend = HDFBackend(path, name=f"ensemble_{k}", read_only=True)
-        assert backend.get_chain().shape == (converged.json["steps"], 8, 2)
-        assert backend.get_log_prob().shape == backend.get_chain().shape[:2]
-        assert np.all(np.isfinite(backend.get_log_prob()))
-        assert np.all(backend.accepted > 0)
 
 
 def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(

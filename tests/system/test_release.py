@@ -245,21 +245,6 @@ def test_the_wheel_holds_the_package_and_its_examples_alone(dist: Dist) -> None:
 
 
 @pytest.mark.slow
-def test_the_source_installs_as_the_wheel_does(dist: Dist, tmp_path: Path) -> None:
-    """File by file; it says its version without any other package."""
-    contents = []
-    for archive in (dist.wheel, dist.sdist):
-        at = empty(f"{sys.version_info[0]}.{sys.version_info[1]}", tmp_path / archive.suffix)
-        reach_packages(at)
-        at.run("pip", "install", "-q", "--no-deps", "--no-compile", archive)
-        (place,) = (at.bin.parent / "lib").glob("python*/site-packages")
-        record = next(place.glob("bayesdrill-*.dist-info")) / "RECORD"
-        lines = record.read_text().splitlines()
-        contents.append({line for line in lines if line.startswith("bayesdrill/")})
-    assert contents[0] == contents[1]
-
-
-@pytest.mark.slow
 def test_the_commands_of_the_dockerfile_run_by_hand(dist: Dist, tmp_path: Path) -> None:
     """One after the other, with no other files than those that the image gets."""
     version = re.search(r"python:(3\.\d+)", instructions()[0][1]).group(1)

@@ -105,13 +105,12 @@ J_1 = "  j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
 HELD = [(J_1, "  j_1: nominal"), ("k_s: nominal", "k_s: {prior: normal, mean: 0.26, sd: 0.01}")]
 CHANGES = {
     "plain": [],
-    "at_nominal": [("k_e: {prior: uniform, low: 0.5", "k_e: {prior: uniform, low: 1.0")],
     "rubs": [(J_1, "  j_1: nominal\n  t_c1: {prior: uniform, low: 1.0e-4, high: 1}")],
     "seeded": [("seed: 7", "seed: 8")],
     "held": HELD,
     "short": [("max_steps: 500", "max_steps: 100"), ("ess: 100", "ess: 100000")],
 }
-KEPT = ("plain", "at_nominal", "rubs")
+KEPT = ("plain", "rubs")
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
@@ -15,16 +14,13 @@ import pytest
 from support import command_line
 from support.case_tables import run_cases
 from support.command_line import assert_refused, posterior, replace_text
-from support.finished_runs import FILES, UNREACHABLE, FinishedRun
+from support.finished_runs import FILES, UNREACHABLE, FinishedRun, copied_run
+from support.reporters import Stopping
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import Interrupted
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
 from bayesdrill.results.run_folder import Folder, seal
-
-
-def copied(converged: FinishedRun, tmp_path: Path) -> FinishedRun:
-    return converged.copy(tmp_path / "copy")
 
 
 def test_a_finished_run_resumed_changes_nothing(converged: FinishedRun, copy: FinishedRun) -> None:
@@ -47,21 +43,6 @@ def test_a_finished_run_is_extended(
     unconverged.assert_same_chains(copy)
 
 
-@dataclass
-class Stopping:
-    """A reporter that raises Ctrl-C where a stage with this text begins or goes on."""
-
-    text: str = "never"
-    said: list[str] = field(default_factory=list)
-
-    def say(self, text: str) -> None:
-        self.said.append(text)
-
-    def update(self, fraction: float, text: str) -> None:
-        if self.text in text:
-            raise KeyboardInterrupt
-
-
 STOPS = (
     ("searching", "nothing was found yet, and {} only has the config"),
     ("learning", "the maximum is saved in {}, but nothing was sampled yet"),
@@ -77,8 +58,9 @@ def test_a_run_stopped_in_five_stages_says_what_is_saved_and_goes_on(
     config = command_line.small_config(tmp_path)
     case, out = bd.load(config), tmp_path / "out"
     for stage, words in STOPS:
+        reporter = Stopping(lambda _, text, stage=stage: stage in text)
         with pytest.raises(Interrupted) as stopped:
-            case.run(out, resume=out.exists(), report=Stopping(stage))
+            case.run(out, resume=out.exists(), report=reporter)
         message = f"stopped; {words.format(out)}; continue with --resume"
         assert str(stopped.value) == message, stage
         if stage != " steps to the next look":
@@ -126,33 +108,7 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
     unconverged.assert_same_chains(FinishedRun(config, other, report))
 
 
-K_E = "low: 0.5, high: 1.5, relative: true}\n  k_T"
-J_1 = "j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
-W_1 = "w_1: {column: w_1, unit: rad/s, sigma: 0.05"
-GEAR = "model: {i_m: 0.25}\nmap: {"
-
-
-@run_cases(
-    "old, new, named",
-    [
-        (K_E, K_E.replace("0.5", "0.6"), "the prior of k_e was Uniform(low=0.03008, high=0.09024) "
-         "and is Uniform(low=0.0360959"),
-        ("c_m: nominal", "c_m: 2e-4", "c_m, which is held, was 0.00019 and is 0.0002"),
-        (J_1, "j_1: nominal", "the prior of j_1 was Uniform(low=0.01415, high=0.04245) and is not "
-         "there"),
-        ("seed: 7", "seed: 8", "the seed was 7 and is 8"),
-        (W_1, W_1.replace("0.05", "0.06"), "the noise of w_1 was 0.05 and is 0.06"),
-        ("walkers: 8", "walkers: 10", "sampler.walkers was 8 and is 10"),
-        ("walkers: 8", "walkers: 8, moves: {stretch: 1}", "and is {'stretch': 1.0}"),
-        ("walkers: 8", "walkers: 8, ensembles: 5", "sampler.ensembles was 4 and is 5"),
-        ("evaluations: 500", "evaluations: 600", "map.evaluations was 500 and is 600"),
-        ("v: 8.0", "v: 8.1", "the input v was 8.0 and is 8.1"),
-        ("map: {", "initial: {w_1: 0.1}\nmap: {", "the initial state was "),
-        ("unit: rad, sigma", "unit: rad, measures: 2 * theta_1, sigma", "the channel theta_1 was "),
-        ("map: {", GEAR, "the model was MotorShaft(i_m=0.125) and is MotorShaft(i_m=0.25)"),
-    ],
-    ids=lambda text: text.split(":")[0][:20], copy=copied,
-)  # fmt: skip
+@run_cases("old, new, named", command_line.REFUSALS["resume"], copy=copied_run)
 def test_resuming_another_config_names_what_changed_and_both_values(
     old: str, new: str, named: str, copy: FinishedRun
 ) -> None:
@@ -163,7 +119,7 @@ def test_resuming_another_config_names_what_changed_and_both_values(
     assert command_line.listing(copy.folder) == before
 
 
-@run_cases("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"], copy=copied)
+@run_cases("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"], copy=copied_run)
 def test_resuming_under_another_version_of_what_decides_the_chain_is_refused(
     package: str, copy: FinishedRun
 ) -> None:
@@ -232,7 +188,7 @@ def digit_changed(content: bytes) -> bytes:
         ("map.json", digit_changed, "delete it and continue with --resume"),
         ("chain.h5", lambda content: content[:40], "delete it and continue with --resume"),
     ],
-    copy=copied,
+    copy=copied_run,
 )  # fmt: skip
 def test_a_damaged_result_is_named_and_nothing_is_written(
     name: str, damage: Callable[[bytes], bytes], way_out: str, copy: FinishedRun

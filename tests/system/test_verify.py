@@ -14,7 +14,7 @@ import xarray
 from support import command_line, finished_runs, forked_command
 from support.case_tables import run_cases
 from support.command_line import assert_refused, cli, posterior, renew_digests
-from support.finished_runs import copied
+from support.finished_runs import FinishedRun, copied, copied_run
 
 import bayesdrill as bd
 from bayesdrill.config.job import prepare
@@ -165,30 +165,21 @@ def test_a_run_is_not_compared_with_itself(finished: Path, tmp_path: Path) -> No
 SOURCES = ("chain.h5", "map.json", "config.resolved.yaml")
 
 
-@run_cases("name", [*SOURCES, "summary.csv", "figures/corner.png"], rig=copied)
-def test_a_missing_file_comes_back_as_verify_says(name: str, rig: Path) -> None:
+@run_cases("name", [*SOURCES, "summary.csv"], copy=copied_run)
+def test_a_missing_file_comes_back_as_verify_says(name: str, copy: FinishedRun) -> None:
     """A resumed run makes what a report is made from, the same map too; a report makes the rest."""
-    maximum = (rig / "out" / "map.json").read_bytes()
-    (rig / "out" / name).unlink()
+    maximum = (copy.folder / "map.json").read_bytes()
+    (copy.folder / name).unlink()
     way = "--resume` makes it again" if name in SOURCES else "`bayesdrill report` makes"
-    assert_refused(cli("verify", rig / "out"), way)
-    report = cli("report", rig / "out")
+    assert_refused(cli("verify", copy.folder), way)
+    report = cli("report", copy.folder)
     if name in SOURCES:
         assert_refused(report, "--resume")
-        assert posterior(rig / "out.yaml", rig / "out", "--resume").status == 0
+        assert posterior(copy.config, copy.folder, "--resume").status == 0
     else:
         assert report.status == 0, report.text
-    assert cli("verify", rig / "out").status == 0
-    assert (rig / "out" / "map.json").read_bytes() == maximum
-
-
-def test_a_missing_file_of_a_map_is_made_by_a_map(tmp_path: Path) -> None:
-    config = command_line.small_config(tmp_path)
-    assert cli("map", config, "-o", tmp_path / "map").status == 0
-    (tmp_path / "map" / "map.csv").unlink()
-    assert_refused(cli("verify", tmp_path / "map"), "`bayesdrill map --force` makes it again")
-    assert cli("map", config, "-o", tmp_path / "map", "--force").status == 0
-    assert cli("verify", tmp_path / "map").status == 0
+    assert cli("verify", copy.folder).status == 0
+    assert (copy.folder / "map.json").read_bytes() == maximum
 
 
 def test_a_pipe_among_results_is_refused_and_not_waited_for(rig: Path) -> None:

@@ -8,16 +8,7 @@ from typing import Any, ClassVar
 
 from bayesdrill.basics import Symbol
 from bayesdrill.basics.symbols import PARAMETERS, STATES
-from bayesdrill.rig import (
-    Friction,
-    Gear,
-    Linear,
-    Model,
-    MotorShaft,
-    Named,
-    Roles,
-    usual_roles,
-)
+from bayesdrill.rig import Friction, Gear, Linear, Model, MotorShaft, Named, Roles, usual_roles
 from bayesdrill.rig.models.linear import ParameterNames, StateNames
 
 OWN = {

@@ -2,19 +2,13 @@
 
 from pathlib import Path
 
-import numpy as np
-import pytest
 from support.case_tables import run_cases
 from support.config_texts import write_composed
-from support.scipy_oracles import NOMINAL
 
-import bayesdrill as bd
-from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.rig.models.motor_shaft import OFFERS, MotorShaft
 
 C_S = "c_s: {prior: log_uniform, low: 1.0e-4, high: 0.1}"
-T = 0.025 * np.arange(161)
 
 
 @run_cases(
@@ -39,22 +33,3 @@ def test_naming_a_parameter_switches_its_physics_on(
     assert space.model == experiment.model.parameters
     unknown = {line.partition(":")[0] for line in lines if "prior" in line}
     assert {*space.free} == {"k_e", "j_1", *unknown}
-
-
-@run_cases(
-    "wrong, message",
-    [
-        ({"t_sm": 0.1}, "parameters.t_sm: t_sm means nothing without t_cm and w_sm"),
-        ({"c_s": -0.1}, "parameters.c_s: -0.1 is negative"),
-        ({"eta": 1.1}, "parameters.eta: 1.1 is more than 1"),
-        ({"c_2": 0.1}, "parameters.c_2: the rig has none"),
-        (
-            {"t_cm": 0.2, "t_sm": 0.1, "w_sm": 1.0},
-            "parameters.t_sm: is below t_cm; static friction",
-        ),
-    ],
-)
-def test_impossible_physics_of_a_rig_is_refused(wrong: dict[str, float], message: str) -> None:
-    with pytest.raises(InputError) as caught:
-        bd.respond("motor_shaft", NOMINAL | wrong, T, {"v": 8.0}, ["w_1"])
-    assert [str(x)[: len(message)] for x in caught.value.problems] == [message]

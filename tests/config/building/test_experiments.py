@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import command_line, two_experiments
+from support.command_line import CONFIGS
 from support.config_texts import write
 
 from bayesdrill.basics.errors import InputError
@@ -20,30 +21,7 @@ SHARED = "shared: [lag_theta_1, offset_theta_1]"
 FREE_START = ("experiments:\n  slow", "initial: free\nexperiments:\n  slow")
 
 # A cart on a spring, with a known weight on it that is another one in each run.
-CART = """\
-name: cart
-seed: 3
-record:
-  time: {column: t, unit: s}
-  channels:
-    x_cart: {column: x, unit: m, sigma: 1.0e-4}
-inputs: {}
-initial: {x_cart: 0.03}
-experiments:
-  bare: {record: {file: bare.csv}}
-  loaded: {record: {file: loaded.csv}, parameters: {m_cart: m_0 + 0.5}}
-model: {name: train, motion: linear, inertias: [cart], shafts: {spring: [cart, ground]}}
-parameters:
-  m_cart: m_0*1
-  c_cart: {prior: log_uniform, low: 0.1, high: 100}
-  k_spring: {prior: log_uniform, low: 30, high: 3000}
-quantities:
-  m_0: {prior: log_uniform, low: 0.1, high: 10, unit: kg}
-derived:
-  by_both: {formula: k_spring/m_cart_loaded, unit: 1/s**2}
-map: {starts: 1}
-simulation: {duration: 2, rate: 100, quantities: {m_0: 0.8}, k_spring: 300, c_cart: 2}
-"""
+CART = (CONFIGS / "cart.yaml").read_text(encoding="utf-8")
 
 
 def pair(folder: Path, *changes: tuple[str, str]) -> Job:

@@ -5,14 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.case_tables import run_cases
-from support.config_texts import (
-    DRILL_T,
-    TOP_ANGLE,
-    TOP_SPEED,
-    TORQUE,
-    save,
-    write_shaft,
-)
+from support.config_texts import DRILL_T, TOP_ANGLE, TOP_SPEED, TORQUE, save, write_shaft
 from support.small_problems import starts_believed
 
 from bayesdrill.config import loading

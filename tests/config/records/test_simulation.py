@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.command_line import ROOT
-from support.config_texts import write, write_composed
-from support.scipy_oracles import NOMINAL, by_expm, with_damping
+from support.config_texts import write
+from support.scipy_oracles import NOMINAL, by_expm
 
 from bayesdrill.config import loading
 from bayesdrill.config.records import simulation
@@ -49,16 +49,3 @@ def test_simulated_records_differ_by_seed_and_obey_the_truth(tmp_path: Path) -> 
     table = read(tmp_path / "r.csv", CsvOptions())
     clean = by_expm({**NOMINAL, "k_s": 0.31, "j_1": 0.02}, table.pick("t"), np.zeros(5), 8.0, 0.0)
     assert (table.pick("w_1") - clean[:, 2]).std() == pytest.approx(0.1, rel=0.15)
-
-
-def test_added_physics_is_simulated(tmp_path: Path) -> None:
-    c_s = "c_s: {prior: log_uniform, low: 1.0e-4, high: 0.1}"
-    truth = "{duration: 4.0, rate: 40, c_s: 0.02}"
-    path = write_composed(tmp_path, c_s, "r_s: r_m/3", simulation=truth)
-    path.write_text(path.read_text().replace("sigma: 0.05", "sigma: 1.0e-7"))
-    (tmp_path / "r.csv").write_text(simulation.simulate(loading.load(path), 3))
-    table, t = read(tmp_path / "r.csv", CsvOptions()), 0.025 * np.arange(161)
-    simulated = np.column_stack([table.pick(name) for name in ("theta_1", "w_1")])
-    states, undamped = (with_damping(damping, 0.11, t)[:, [0, 2]] for damping in (0.02, 0.0))
-    assert simulated == pytest.approx(states, abs=1e-5)
-    assert np.abs(states - undamped).max() > 0.1

@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 from support.compared_models import CHANNELS
 from support.figure_checks import marked, xy
-from support.figure_contexts import (
-    compared,
-    models,
-)
+from support.figure_contexts import compared, models
 
 
 def test_marks_of_models_stand_where_the_numbers_are() -> None:

@@ -6,15 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import StepPatch
 from support import figure_contexts as contexts
 from support.case_tables import for_each
-from support.figure_checks import (
-    SYMBOLS,
-    TABLE,
-    corner_panels,
-    displayed,
-    mode_of,
-    posterior,
-    si,
-)
+from support.figure_checks import SYMBOLS, TABLE, corner_panels, displayed, mode_of, posterior, si
 
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.report import style

@@ -8,17 +8,9 @@ from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from support.case_tables import for_each
 from support.figure_checks import drawn, legend_texts, si, xy
-from support.figure_contexts import (
-    course,
-    fit_of,
-)
+from support.figure_contexts import course, fit_of
 
-from bayesdrill.report.sections.fit import (
-    Fit,
-    corners,
-    extremes,
-    fit_figure,
-)
+from bayesdrill.report.sections.fit import Fit, corners, extremes, fit_figure
 
 
 def read(label: str, values: object) -> list[float]:

@@ -10,6 +10,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from support.first_configs import shared
 
 import bayesdrill as bd
@@ -87,6 +88,7 @@ def fitted(folder: Path, *names: str) -> dict[str, float]:
     return dict(case.find_map(quick=True).values)
 
 
+@pytest.mark.slow
 def test_four_records_of_a_servo_are_fitted_jointly(tmp_path: Path) -> None:
     """Fits by others have a damping of 1.18 to 1.38 N m s/rad."""
     values = fitted(tmp_path, *FILES)
@@ -95,6 +97,7 @@ def test_four_records_of_a_servo_are_fitted_jointly(tmp_path: Path) -> None:
     assert values["sigma_theta_arm"] < 0.016
 
 
+@pytest.mark.slow
 def test_pendulums_of_another_length_are_predicted(tmp_path: Path) -> None:
     """The longer pendulums predict both masses; the mutant without `cooler` leaves twice as much."""
     values = fitted(tmp_path, "light_long", "heavy_long")

@@ -55,6 +55,7 @@ def screw(made: list[tuple[float, np.ndarray]], **more: Any) -> bd.Case:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @run_cases("drive, ratio", [("drive1", 0.79), ("drive2", 0.96), ("drive3", 0.52)])
 def test_friction_forwards_and_backwards_is_that_of_the_means(drive: str, ratio: float) -> None:
     """A lead screw, one against backlash, and a worm, whose payload helps it one way."""
