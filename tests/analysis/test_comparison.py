@@ -122,8 +122,6 @@ def test_the_distance_of_shifted_draws_is_the_shift(shift: float, stretch: float
     for row in overlay_rows([layer("a"), layer("b", shift, stretch)]):
         assert row.distance == pytest.approx(abs(shift) / np.sqrt((1 + stretch**2) / 2))
         first, second = row.places
-        assert first is not None
-        assert second is not None
         assert second.sd == pytest.approx(stretch * first.sd)
         assert first.low < first.mean < first.high
 

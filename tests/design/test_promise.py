@@ -1,7 +1,5 @@
 """Promised sds are those of samples under the priors as they are, with their ends."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -146,14 +146,6 @@ def alias_points(target: Posterior, u: np.ndarray) -> np.ndarray:
     return np.concatenate([each.u for each in starts])
 
 
-def test_frequencies_are_those_of_the_equations_of_motion() -> None:
-    target, stiffnesses = aliased(("k_s", "j_1")), (0.15, 0.26, 0.4)
-    u = np.stack([coordinates(target, k_s=k_s) for k_s in stiffnesses])
-    omega = multiple_modes.frequencies(target, u)
-    assert omega[:, 0] == pytest.approx([frequency(k_s=k_s) for k_s in stiffnesses], rel=1e-9)
-    assert np.array_equal(omega[:, 1], np.zeros(3))  # all other poles decay without oscillation
-
-
 @run_cases("free", [("k_s",), ("k_s", "j_1"), ("k_s", "j_1", "t_f")])
 @run_cases("from_the_truth", [True, False])
 def test_the_other_stiffness_of_a_torsion_near_half_the_sampling_rate(

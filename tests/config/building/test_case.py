@@ -58,3 +58,16 @@ def test_impossible_physics_of_a_rig_is_refused(wrong: dict[str, float], message
     with pytest.raises(InputError) as caught:
         bd.respond("motor_shaft", NOMINAL | wrong, T, {"v": 8.0}, ["w_1"])
     assert [str(x)[: len(message)] for x in caught.value.problems] == [message]
+
+
+@run_cases(
+    "entry, usual, k_s",
+    [("0.05", 0.05, 0.05), ("{default: 0.05, k_s: 0.1}", 0.05, 0.1), ("{k_s: 0.1}", 0.0, 0.1)],
+)
+def test_tolerances_are_given_by_a_number_or_by_symbol(
+    entry: str, usual: float, k_s: float, tmp_path: Path
+) -> None:
+    path = write_composed(tmp_path, nominal=f"{{table: tables_2_3, tolerance: {entry}}}")
+    (experiment,) = loading.load(path).experiments
+    assert experiment.nominal.tolerance["r_m"] == usual
+    assert experiment.nominal.tolerance["k_s"] == k_s

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, skewed
 from support.small_problems import STATES
@@ -130,35 +129,6 @@ def test_frictions_pass_through_the_sensors_of_inputs() -> None:
 DT, N = 0.01, 200
 T = DT * np.arange(N)
 V = 6.0 * np.sign(np.sin(3.0 * T))
-
-
-def test_quadratic_drag_is_that_of_an_integration_by_other_code() -> None:
-    """Mutants killed: a drag that drives, one that is linear, the speed behind the gear at the motor."""
-    i_m, p = 1 / 8, {**NOMINAL, "t_f": 0.0, "d_1": 0.02, "d_m": 2e-6}
-    moved = bd.respond("motor_shaft", p, T, {"v": V}, ["w_1", "w_2"])
-
-    def rates(_: float, x: np.ndarray, v: float) -> list[float]:
-        theta_1, theta_2, w_1, w_2, i = x
-        drag_1, drag_m = p["d_1"] * abs(w_1) * w_1, p["d_m"] * abs(w_2 / i_m) * w_2 / i_m
-        twist = theta_1 - theta_2
-        return [
-            w_1,
-            w_2,
-            (-p["k_s"] * twist - drag_1) / p["j_1"],
-            (i_m**2 * p["k_s"] * twist - p["c_m"] * w_2 + i_m * (p["k_T"] * i - drag_m)) / p["j_m"],
-            (v - p["r_m"] * i - p["k_e"] * w_2 / i_m) / p["l_m"],
-        ]
-
-    x, found = np.zeros(5), []
-    for v in V:
-        found.append(x[2:4])
-        step = solve_ivp(rates, (0.0, DT), x, args=(v,), rtol=1e-9, atol=1e-9, method="LSODA")
-        x = step.y[:, -1]
-    w_1, w_2 = np.array(found).T
-    plain = bd.respond("motor_shaft", {**NOMINAL, "t_f": 0.0}, T, {"v": V}, ["w_1"])["w_1"]
-    assert np.abs(moved["w_1"] - plain).max() > 0.5
-    np.testing.assert_allclose(moved["w_1"], w_1, atol=2e-5 * np.ptp(w_1))
-    np.testing.assert_allclose(moved["w_2"], w_2, atol=2e-5 * np.ptp(w_2))
 
 
 def test_a_rotor_beyond_rotor_1_is_that_of_a_train() -> None:
