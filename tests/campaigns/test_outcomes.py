@@ -60,14 +60,6 @@ def known_population(nu: float, n_draws: int = 2000) -> PopulationDraws:
     )
 
 
-def test_an_estimate_has_the_moments_and_quantiles_of_its_draws() -> None:
-    number = outcomes.estimate(np.linspace(0.0, 1.0, 2001))
-    assert number.mean == pytest.approx(0.5)
-    assert number.sd == pytest.approx(12**-0.5, rel=1e-3)
-    ends = (number.low_90, number.low_50, number.high_50, number.high_90)
-    assert ends == pytest.approx((0.05, 0.25, 0.75, 0.95))
-
-
 @pytest.mark.parametrize("nu", [4.0, 200.0])
 def test_next_runs_of_a_known_population_have_its_t_distribution(nu: float) -> None:
     draws = known_population(nu)
