@@ -160,8 +160,7 @@ def test_a_foreign_run_among_twelve_is_flagged_and_widens_the_spread_little() ->
     rng = np.random.default_rng(0)
     z = np.array([0.005, 0.012]) * rng.standard_normal((12, 2))
     z[-1, 1] += 0.1
-    fit = fit_population(
-        SimulatedRuns(z=z, sd=np.full(z.shape, 0.005)).draws(rng), SETTINGS, rng, SILENT
-    )
+    draws, few = SimulatedRuns(z=z, sd=np.full(z.shape, 0.005)).draws(rng), 1600
+    fit = fit_population(draws, replace(SETTINGS, max_sweeps=few), rng, SILENT)
     assert [run.name for run in fit.runs if run.outlier] == ["run 11"]
     assert fit.populations[1].spread.mean < 0.025

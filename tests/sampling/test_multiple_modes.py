@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from support.case_tables import run_cases
 from support.closed_form_densities import Walled, altered, humps, ridged, without_density
 from support.scipy_oracles import NOMINAL, matrices
@@ -111,15 +112,6 @@ def frequency(**changes: float) -> float:
     return float(np.abs(np.linalg.eigvals(matrices({**NOMINAL, **changes})[0]).imag).max())
 
 
-def stiffness_of(omega: float) -> float:
-    """With which the nominal rig has this angular frequency."""
-    low, high = 0.01, 10.0
-    for _ in range(60):
-        middle = np.sqrt(low * high)
-        low, high = (middle, high) if frequency(k_s=middle) < omega else (low, middle)
-    return float(low)
-
-
 @cache
 def speed_of_the_rotor() -> Response:
     """Twelve samples at 1 Hz."""
@@ -152,7 +144,8 @@ def test_the_other_stiffness_of_a_torsion_near_half_the_sampling_rate(
     free: tuple[str, ...], from_the_truth: bool
 ) -> None:
     """From either one the other is proposed, and a search from there ends where SciPy's poles say."""
-    alias = stiffness_of(2.0 * np.pi / DT - frequency(k_s=TRUE))
+    folded = 2.0 * np.pi / DT - frequency(k_s=TRUE)
+    alias = brentq(lambda k_s: frequency(k_s=k_s) - folded, 0.05, 5.0, xtol=1e-12)
     start, other = (TRUE, alias) if from_the_truth else (alias, TRUE)
     target = aliased(free, start)
     u = coordinates(target, k_s=start)

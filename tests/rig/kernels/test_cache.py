@@ -2,8 +2,7 @@
 
 import os
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -205,36 +204,21 @@ def test_many_that_write_and_read_at_once_never_see_a_part(tmp_path: Path) -> No
 # Of kernels.
 
 
-@contextmanager
-def environment(**own: str) -> Iterator[None]:
-    before = dict(os.environ)
-    os.environ.update(own)
-    try:
-        yield
-    finally:
-        os.environ.clear()
-        os.environ.update(before)
-
-
-def squares(folder: Path) -> np.ndarray:
-    """Of a step, by a kernel of the cache in this folder."""
+def test_the_cache_is_shown_and_cleared_by_a_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     compile_kernel.cache_clear()
-    with environment(**{CACHE_VARIABLE: str(folder)}):
-        return Response(MotorShaft(), response("step").experiment).squares(THETA)
-
-
-def test_the_cache_is_shown_and_cleared_by_a_command(tmp_path: Path) -> None:
-    squares(tmp_path)
-    with environment(**{CACHE_VARIABLE: str(tmp_path)}):
-        assert f"{tmp_path / 'kernels'}: 1 compiled kernel, 0.0 MB" in command_line.cli("cache").out
-        assert "0 compiled kernels" in command_line.cli("cache", "--clear").out
-        (tmp_path / "kernels").chmod(0o755)
-        refused = command_line.cli("cache")
-        assert refused.status == 2
-        assert "chmod 700" in refused.err
-        assert CACHE_VARIABLE in refused.err
-    with environment(**{CACHE_VARIABLE: "off"}):
-        assert "BAYESDRILL_CACHE=off" in command_line.cli("cache").out
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    Response(MotorShaft(), response("step").experiment).squares(THETA)
+    assert f"{tmp_path / 'kernels'}: 1 compiled kernel, 0.0 MB" in command_line.cli("cache").out
+    assert "0 compiled kernels" in command_line.cli("cache", "--clear").out
+    (tmp_path / "kernels").chmod(0o755)
+    refused = command_line.cli("cache")
+    assert refused.status == 2
+    assert "chmod 700" in refused.err
+    assert CACHE_VARIABLE in refused.err
+    monkeypatch.setenv(CACHE_VARIABLE, "off")
+    assert "BAYESDRILL_CACHE=off" in command_line.cli("cache").out
 
 
 def test_what_the_code_depends_on_is_in_the_key() -> None:
