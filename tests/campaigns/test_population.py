@@ -52,7 +52,7 @@ def log_half_t(sd: np.ndarray) -> np.ndarray:
 
 def test_population_of_four_runs_equals_the_joint_posterior_on_a_grid() -> None:
     """The grid has the integral over each run's true product in closed form, by precisions of the t."""
-    draws = sampled(1, 1000.0)
+    draws = sampled(1, 1500.0)
     mu, log_sd = np.linspace(-0.4, 0.4, 161), np.linspace(np.log(1e-6), np.log(1.5), 160)
     sd = np.exp(log_sd)
     log_p = np.zeros((len(mu), len(sd), len(FREEDOMS)))

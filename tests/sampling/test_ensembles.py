@@ -11,14 +11,10 @@ from support.closed_form_densities import Walled, humps, learned, ridge_point, r
 from support.compiled_responses import SIGMA, seen
 from support.small_problems import noisy_step, posterior
 
-import bayesdrill as bd
 from bayesdrill.basics.progress import Silent
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.findings import finding_sentence
-from bayesdrill.rig.simulators.linear import Response
-from bayesdrill.rig.simulators.sensors import ObservationModel
-from bayesdrill.rig.simulators.stepped import Stepped
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import (
     MemoryBackend,
@@ -27,7 +23,6 @@ from bayesdrill.sampling.ensembles import (
     begin_walkers,
     prepare,
     sample,
-    slopes_are_expensive,
 )
 from bayesdrill.sampling.proposal.learning import LearnedProposal
 from bayesdrill.sampling.samplers.ensemble import State
@@ -156,29 +151,6 @@ def test_walkers_start_on_all_maxima_alike() -> None:
     proposal = learned(surface, surface.means).proposal
     state = begin_walkers(Known(surface), proposal, 4000, 1, 0)
     assert surface.belongs(state.z).mean() == pytest.approx(0.5, abs=0.05)
-
-
-BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-RIG = {**dict.fromkeys(("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "t_f"), "nominal"), "k_s": BOX}
-
-
-@run_cases(
-    "samples, response, expensive",
-    [(40_000, Response, False), (1000, Stepped, False), (40_000, Stepped, True)],
-)
-def test_slopes_are_expensive_of_long_records_that_sums_do_not_replace(
-    samples: int, response: type[Response | Stepped], expensive: bool
-) -> None:
-    """What goes in steps has slopes of every sample; other linear rigs sum them up."""
-    t = 0.01 * np.arange(samples)
-    speed = bd.Channel(np.sin(t), "rad/s", 0.1)
-    case = bd.case(t, {"w_1": speed}, {"v": 8.0}, {**RIG, "j_1": BOX}, nominal="tables_2_3")
-    posterior = case.job.problem.posterior
-    observation = posterior.likelihood.only_observation
-    parts = observation.response.model, observation.experiment, ObservationModel()
-    observations = (replace(observation, response=response(*parts)),)
-    likelihood = replace(posterior.likelihood, observations=observations)
-    assert slopes_are_expensive(replace(posterior, likelihood=likelihood)) == expensive
 
 
 # --- runs that are given up, and cut ---------------------------------------------------------------

@@ -129,14 +129,12 @@ class Moved:
     integrals so far `impulses (T, 3)`; `v (T,)` as it was at each time.
     """
 
-    rig: Rig
     t: np.ndarray
     states: np.ndarray
     efforts: np.ndarray
     stuck: np.ndarray
     impulses: np.ndarray
     v: np.ndarray
-    events: int
 
     def of(self, name: str) -> np.ndarray:
         return self.states[:, STATES.index(name)]
@@ -282,14 +280,12 @@ def simulate(
     states = np.array([y for y, _, _, _ in course.rows])
     modes = np.array([modes[:3] for *_, modes in course.rows])
     return Moved(
-        rig=rig,
         t=asked,
         states=states[:, :5],
         efforts=np.array([rubs for _, rubs, _, _ in course.rows]),
         stuck=(modes == 0) & np.array(rig.rubs),
         impulses=states[:, 5:],
         v=np.array([v for _, _, v, _ in course.rows]),
-        events=course.events,
     )
 
 

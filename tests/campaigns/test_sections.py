@@ -1,0 +1,26 @@
+"""The page of a run says why the run does not belong to the others."""
+
+from types import SimpleNamespace
+from typing import Any
+
+from support.case_tables import run_cases
+
+from bayesdrill.campaigns.sections import likely_reason
+
+EXPLAINED = SimpleNamespace(best=SimpleNamespace(about="a gear of 7:1"))
+
+
+@run_cases(
+    "outlier, causes, words",
+    [
+        (False, None, ""),
+        (True, None, "its record fits by itself, so the rig or its state was another"),
+        (True, EXPLAINED, "its record is explained by a gear of 7:1"),
+        (False, SimpleNamespace(best=None), "nothing that was tried explains its record"),
+    ],
+)
+def test_the_likely_reason_is_a_cause_of_its_misfit_or_another_rig(
+    outlier: bool, causes: Any, words: str
+) -> None:
+    outcome: Any = SimpleNamespace(outlier=outlier)
+    assert likely_reason(outcome, causes) == words
