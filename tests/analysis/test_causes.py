@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.case_tables import for_each
 from support.command_line import ROOT
 from support.missing_physics import SIGMA, T, record
 from support.scipy_oracles import NOMINAL
@@ -76,8 +75,6 @@ def some_or_all(*parts: str) -> pytest.MarkDecorator:
 def causes_that_mend(path: Path) -> tuple[Causes, Cause]:
     """Return the causes and the best of them, whose config lines must leave only noise."""
     causes = causes_of(bd.load(path))
-    assert causes is not None
-    assert causes.best is not None
     assert fits(amended(path, causes.best.lines))
     return causes, causes.best
 
@@ -105,56 +102,50 @@ WRONG: Mapping[str, tuple[Mapping[str, Any], str, str, float]] = {
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("known_noise", [True, False])
 @pytest.mark.parametrize("name", WRONG)
-def test_the_cause_is_first_with_its_size(
-    name: str, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_the_cause_is_first_with_its_size(name: str, known_noise: bool, tmp_path: Path) -> None:
     """What sensors explain is not blamed on the rig; with noise levels that are known or not."""
     lacks, part, unknown, truth = WRONG[name]
+    causes, first = causes_that_mend(rig(tmp_path, lacks, known_noise=known_noise))
+    if name == "gain":  # either channel may be off, as the constants of the motor are unknown
+        assert first.parts in (("gain_alpha",), ("gain_w_2",))
+        return
+    assert first.parts == (part,)
+    assert first.explains_all
+    if causes.ranked[0] is first:
+        assert all(len(one.parts) == 1 for one in causes.ranked)  # nothing more is needed
+    (new,) = first.new
+    assert new.name == unknown
+    assert new.value == pytest.approx(truth, abs=max(5 * new.sd, 0.02 * abs(truth)))
+    assert new.sd < 0.1 * abs(truth)
+    assert first.lacks == ((unknown,) if "added" in lacks else ())
+    check_words(causes, first)
+    assert first in causes.good
 
-    def check(known_noise: bool) -> None:
-        folder = tmp_path_factory.mktemp("rig")
-        causes, first = causes_that_mend(rig(folder, lacks, known_noise=known_noise))
-        if name == "gain":  # either channel may be off, as the constants of the motor are unknown
-            assert first.parts in (("gain_alpha",), ("gain_w_2",))
-            return
-        assert first.parts == (part,)
-        assert first.explains_all
-        if causes.ranked[0] is first:
-            assert all(len(one.parts) == 1 for one in causes.ranked)  # nothing more is needed
-        (new,) = first.new
-        assert new.name == unknown
-        assert new.value == pytest.approx(truth, abs=max(5 * new.sd, 0.02 * abs(truth)))
-        assert new.sd < 0.1 * abs(truth)
-        assert first.lacks == ((unknown,) if "added" in lacks else ())
-        check_words(causes, first)
-        assert first in causes.good
 
-    for_each({f"noise known: {known}": (known,) for known in (True, False)}, check)
+SEVERAL: Mapping[str, tuple[Mapping[str, Any], set[str], Mapping[str, float]]] = {
+    "friction at both ends": (
+        {"added": {"t_cm": 0.03, "t_c1": 0.2}}, {"friction_both"}, {"t_cm": 0.03, "t_c1": 0.2}
+    ),
+    "friction, a late twist and a supply that is off": (
+        {"added": {"t_c1": 0.25}, "late": 3, "supply": -0.4},
+        {"friction_rotor_1", "lag_alpha", "offset_v"},
+        {"t_c1": 0.25, "lag_alpha": 0.03, "offset_v": -0.4},
+    ),
+}  # fmt: skip
 
 
 @pytest.mark.slow
-def test_several_causes_are_all_named(tmp_path_factory: pytest.TempPathFactory) -> None:
+@pytest.mark.parametrize("name", SEVERAL)
+def test_several_causes_are_all_named(name: str, tmp_path: Path) -> None:
     """Each alone would not do."""
-    cases = {
-        "friction at both ends": (
-            {"added": {"t_cm": 0.03, "t_c1": 0.2}}, {"friction_both"}, {"t_cm": 0.03, "t_c1": 0.2}
-        ),
-        "friction, a late twist and a supply that is off": (
-            {"added": {"t_c1": 0.25}, "late": 3, "supply": -0.4},
-            {"friction_rotor_1", "lag_alpha", "offset_v"},
-            {"t_c1": 0.25, "lag_alpha": 0.03, "offset_v": -0.4},
-        ),
-    }  # fmt: skip
-
-    def check(lacks: Mapping[str, Any], parts: set[str], truth: Mapping[str, float]) -> None:
-        _, best = causes_that_mend(rig(tmp_path_factory.mktemp("rig"), lacks))
-        assert set(best.parts) == parts
-        assert best.explains_all
-        for new in best.new:
-            assert new.value == pytest.approx(truth[new.name], rel=0.1, abs=5 * new.sd)
-
-    for_each(cases, check)
+    lacks, parts, truth = SEVERAL[name]
+    _, best = causes_that_mend(rig(tmp_path, lacks))
+    assert set(best.parts) == parts
+    assert best.explains_all
+    for new in best.new:
+        assert new.value == pytest.approx(truth[new.name], rel=0.1, abs=5 * new.sd)
 
 
 @pytest.mark.slow
@@ -173,7 +164,6 @@ def test_combinations_beyond_the_largest_number_of_evaluations_are_named_and_not
     try_only(("friction_rotor_1", "offset_v"), monkeypatch)
     monkeypatch.setattr(ranking, "MOST_EVALUATIONS", 1)
     causes = causes_of(bd.load(rig(tmp_path, {"added": {"t_c1": 0.25}, "late": 3})))
-    assert causes is not None
     assert all(len(one.parts) == 1 for one in causes.ranked)
     left = (
         "dry friction at rotor 1 with an offset of v",
@@ -189,7 +179,6 @@ def test_no_cause_is_recommended_for_one_bad_sample(
 ) -> None:
     try_only(parts, monkeypatch)
     causes = causes_of(bd.load(rig(tmp_path, glitch=7.0)))
-    assert causes is not None
     assert causes.best is None
     assert causes.good == ()
     text = describe_causes(causes)
@@ -205,7 +194,6 @@ def test_a_rig_that_changes_shows_from_window_to_window(tmp_path: Path) -> None:
     mode = case.find_map(quick=True).mode
     job = case.job.with_steps_at(mode)
     given = refit_candidate(job.problem.posterior, mode.values, -np.inf)
-    assert given is not None
     with WorkerPool(job.problem.posterior, 1) as pool:
         windows = Ranking(job, mode.values, given, pool.submit_function, SILENT)._windows()
     values = [one.value for window in windows for one in window if one.name == "k_e"]
@@ -276,7 +264,6 @@ def test_friction_shows_once_a_rig_moves_from_its_start(
     stiffness = {"prior": "log_normal", "median": 1.0, "sd_log": 1.0}
     parameters = {"k_s": stiffness, "j_1": 1.4e-3}
     causes = causes_of(bd.case(t, channels, still, parameters, rig="driven_shaft"))
-    assert causes is not None
     assert {"free_start", "friction_rotor_1"} <= {*causes.best.parts}
     assert causes.best.explains_all
 
@@ -295,8 +282,6 @@ def test_an_offset_and_dry_friction_of_a_motor_that_turns_one_way_are_not_recomm
     columns = ("t=t [s]", "u=u_motor [V]", "y=w_motor [deg/s]")
     bd.init(tmp_path / "motor.csv", output=tmp_path / "motor.yaml", columns=columns)
     causes = causes_of(bd.load(tmp_path / "motor.yaml"))
-    assert causes is not None
-    assert causes.best is not None
     assert causes.best.parts in {("offset_w_motor",), ("offset_u_motor",), ("friction_motor",)}
     (both,) = (c for c in causes.ranked if {*c.parts} == {"offset_w_motor", "offset_u_motor"})
     assert ("alike", {*both.words}) in [(each.kind, {*each.said_of}) for each in both.doubts]

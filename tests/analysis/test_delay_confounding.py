@@ -1,7 +1,5 @@
 """A delay stands for a time constant where an input changes slowly, and not where it jumps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.case_tables import run_cases

@@ -133,7 +133,7 @@ def test_equal_ensembles_leave_the_band_as_often_as_is_said() -> None:
 
 def row(name: str, word: Word) -> ParameterRow:
     fields = {field.name: 1.0 for field in dataclasses.fields(ParameterRow)}
-    return ParameterRow(**fields | {"name": name, "unit": "1", "word": word})  # type: ignore[arg-type]
+    return ParameterRow(**fields | {"name": name, "unit": "1", "word": word})
 
 
 A, B, C = np.random.default_rng(4).uniform(1.0, 3.0, (3, 6000))  # left to their priors
@@ -176,10 +176,6 @@ def rig() -> Posterior:
     return posterior(record, SIGMA, free=FREE)
 
 
-def with_residuals(residuals: Array) -> Posterior:
-    return rig().edit(records=[rig().likelihood.signals(AT[None])[0] + residuals])
-
-
 def test_sandwich_sds_are_those_by_which_refits_scatter() -> None:
     """Over 40 records whose noise is correlated, fitted as if it were white: the posterior's sds are
     too small, and the right ones have a closed form."""
@@ -194,7 +190,7 @@ def test_sandwich_sds_are_those_by_which_refits_scatter() -> None:
     assert (true > 1.8 * AT * np.sqrt(np.diag(inverse))).all()
     refits, sds = [], []
     for seed in range(40):
-        target = with_residuals(SIGMA * ar1(rho, (N, 2), seed))
+        target = rig().edit(records=[signals(AT[None])[0] + SIGMA * ar1(rho, (N, 2), seed)])
         refits.append(best(target))
         sds.append([*sandwich_sds(target, refits[-1]).values()])
     spread = np.std(refits, axis=0, ddof=1)

@@ -75,7 +75,6 @@ def test_the_torque_is_drawn_described_and_written() -> None:
     assert any("voltage" in label for label in labels)
     assert "at the motor" in torque_sentence(torque_summary(result), result.rig)
     text = torque_csv([result])
-    assert text is not None
     rows = list(csv.DictReader(io.StringIO(text)))
     assert len(rows) == 301
     assert float(rows[7]["torque"]) == result.expected[7]

@@ -1,7 +1,5 @@
 """Findings on a record before any model name stillness, turned signs, one direction, odd cells."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

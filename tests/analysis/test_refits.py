@@ -20,9 +20,7 @@ FREE = {"prior": "log_uniform", "low": 1e-3, "high": 10.0}
 def refit(
     posterior: Posterior, start: Mapping[str, float] | None = None, *more: Any
 ) -> RefitMaximum:
-    result = refit_candidate(posterior, start or {}, -np.inf, *more)
-    assert result is not None
-    return result
+    return refit_candidate(posterior, start or {}, -np.inf, *more)
 
 
 def swing(**record: list[float]) -> Posterior:

@@ -78,6 +78,6 @@ def test_workers_are_fresh_where_the_path_of_the_socket_is_too_long(
 
     long = tmp_path / ("x" * 100)
     long.mkdir()
-    monkeypatch.setitem(multiprocessing.current_process()._config, "tempdir", str(long))  # type: ignore[attr-defined]
+    monkeypatch.setitem(multiprocessing.current_process()._config, "tempdir", str(long))
     monkeypatch.setattr(forking, "SERVER", forking.Server())
     assert processes.start_server() is processes.SPAWN

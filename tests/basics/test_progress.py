@@ -40,7 +40,7 @@ def test_a_bar_begins_anew_with_each_stage(monkeypatch: pytest.MonkeyPatch) -> N
         bar.update(0.0, "learning")
         now[0] += 10.0
         bar.update(0.5, "round 1")
-        (task,) = bar._progress.tasks  # type: ignore[attr-defined]
+        (task,) = bar._progress.tasks
         assert task.description == "round 1, about 10 s left"
         bar.update(1.0, "")
-        assert not bar._progress.tasks  # type: ignore[attr-defined]
+        assert not bar._progress.tasks

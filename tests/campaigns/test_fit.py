@@ -1,7 +1,5 @@
 """Populations of simulated runs: their runs, rigs, noted columns, nominal table and next run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -16,7 +14,7 @@ from bayesdrill.campaigns.fit import PopulationFit, fit_population
 from bayesdrill.campaigns.population import NominalRange, PopulationSettings
 
 RUNS, SPREAD = 40, np.array([0.04, 0.02])
-SETTINGS = PopulationSettings(targets=BRIEF)
+SETTINGS = PopulationSettings(targets=BRIEF, chains=2)
 
 
 def sound_runs() -> SimulatedRuns:
@@ -82,25 +80,8 @@ def test_shrunk_runs_are_nearer_to_the_truth_than_runs_alone() -> None:
 
 def test_a_table_agrees_if_runs_differ_by_more_than_it_is_off() -> None:
     near, far = (population.table for population in sound_fit().populations)
-    assert near is not None
-    assert far is not None
     assert (near.agrees, far.agrees) == (True, False)
     assert far.offset.mean == pytest.approx(-0.2, abs=0.02)
-
-
-def test_foreign_runs_are_flagged_and_leave_the_population_as_without_them() -> None:
-    runs = sound_runs()
-    strange = np.array([[0.4, 0.3], [0.0, -0.25]])  # another rig, and another gear
-    foreign = SimulatedRuns(z=np.vstack([runs.z, strange]), sd=np.full((RUNS + 2, 2), 0.015))
-    draws = foreign.draws(np.random.default_rng(12))
-    fit = fit_population(draws, SETTINGS, np.random.default_rng(13), SILENT)
-    flagged = [run for run in fit.runs if run.outlier]
-    assert [run.name for run in flagged] == [f"run {RUNS}", f"run {RUNS + 1}"]
-    assert flagged[1].worst == "p1"
-    assert all(run.sds > 4 for run in flagged)
-    for before, after in zip(sound_fit().populations, fit.populations, strict=True):
-        assert abs(after.centre.mean - before.centre.mean) < before.centre.sd
-        assert abs(after.spread.mean - before.spread.mean) < 1.5 * before.spread.sd
 
 
 def test_a_jump_moves_the_population_to_its_level_at_the_end() -> None:
@@ -179,8 +160,7 @@ def test_a_foreign_run_among_twelve_is_flagged_and_widens_the_spread_little() ->
     rng = np.random.default_rng(0)
     z = np.array([0.005, 0.012]) * rng.standard_normal((12, 2))
     z[-1, 1] += 0.1
-    fit = fit_population(
-        SimulatedRuns(z=z, sd=np.full(z.shape, 0.005)).draws(rng), SETTINGS, rng, SILENT
-    )
+    draws, few = SimulatedRuns(z=z, sd=np.full(z.shape, 0.005)).draws(rng), 1600
+    fit = fit_population(draws, replace(SETTINGS, max_sweeps=few), rng, SILENT)
     assert [run.name for run in fit.runs if run.outlier] == ["run 11"]
     assert fit.populations[1].spread.mean < 0.025

@@ -1,7 +1,5 @@
 """The density of log products, against sums of uniform and of normal numbers, and against draws."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -50,18 +48,6 @@ def test_products_of_log_normal_numbers_are_normal_in_logs() -> None:
     closed = scipy.stats.multivariate_normal([0, 0], square @ square.T * 0.04).logpdf(z[:, :2])
     priors = [LogNormal(1.0, 0.2)] * 2
     assert np.allclose(log_density_of_products(z[:, :2], square, priors), closed)
-
-
-def test_the_density_of_two_products_is_that_of_a_histogram_of_prior_draws() -> None:
-    exponents = np.array([[1.0, -1, 0, 1], [0, 1, -1, 0]])
-    priors = [Uniform(1.0, 3.0), Uniform(0.5, 2.0), LogUniform(1.0, 4.0), Uniform(0.0, 1.0)]
-    rng = np.random.default_rng(2)
-    logs = np.log(np.stack([p.quantile(rng.random(2_000_000)) for p in priors], axis=1))
-    z = logs @ exponents.T
-    for point in ([-0.3, -0.5], [0.5, -1.0], [-1.0, 0.1]):
-        share = (np.abs(z - point) < 0.05).all(axis=1).mean()
-        density = np.exp(log_density_of_products(np.array([point]), exponents, priors)[0])
-        assert density == pytest.approx(share / 0.01, rel=0.04)
 
 
 def test_impossible_products_have_no_density_and_dependent_ones_are_refused() -> None:

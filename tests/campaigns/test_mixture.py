@@ -1,7 +1,5 @@
 """Mixtures describe draws of normal, skewed and bent posteriors, without their interim prior."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -1,7 +1,5 @@
 """The sampled population, against a grid, an ensemble that samples the integrals, and its prior."""
 
-from __future__ import annotations
-
 import emcee
 import numpy as np
 import pytest

@@ -1,17 +1,17 @@
 """The page of a run says why the run does not belong to the others."""
 
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
-import pytest
+from support.case_tables import run_cases
 
 from bayesdrill.campaigns.sections import likely_reason
 
 EXPLAINED = SimpleNamespace(best=SimpleNamespace(about="a gear of 7:1"))
 
 
-@pytest.mark.parametrize(
-    ("outlier", "causes", "words"),
+@run_cases(
+    "outlier, causes, words",
     [
         (False, None, ""),
         (True, None, "its record fits by itself, so the rig or its state differed"),
@@ -22,5 +22,5 @@ EXPLAINED = SimpleNamespace(best=SimpleNamespace(about="a gear of 7:1"))
 def test_the_likely_reason_is_a_cause_of_its_misfit_or_another_rig(
     outlier: bool, causes: Any, words: str
 ) -> None:
-    outcome = cast(Any, SimpleNamespace(outlier=outlier))
+    outcome: Any = SimpleNamespace(outlier=outlier)
     assert likely_reason(outcome, causes) == words

@@ -1,7 +1,5 @@
 """Histories of a log product: evidence against dense covariances, and simulated campaigns."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -191,9 +189,3 @@ def test_the_level_over_time_is_zero_at_the_end_and_follows_the_best_description
     }.items():
         described = replace(history, probabilities={best: 1.0})
         assert np.allclose(described.level_over(t), level)
-
-
-@pytest.mark.slow  # a rate; the alarms of fifty campaigns are counted below
-def test_campaigns_without_a_change_raise_an_alarm_in_at_most_2_of_100() -> None:
-    alarms = [history(0.0, seed).probabilities["constant"] < 0.05 for seed in range(100)]
-    assert sum(alarms) <= 2

@@ -1,7 +1,5 @@
 """Superposed pulses agree with the simulator, and slopes of a criterion with differences."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 
@@ -46,21 +44,6 @@ def test_superposed_pulses_have_the_information_of_the_simulated_waveform() -> N
             expected = rows_there.T @ rows_there
             scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
             np.testing.assert_allclose(information / scale, expected / scale, atol=1e-8)
-
-
-def test_the_information_is_that_of_differences_of_signals() -> None:
-    case = two()
-    each, step = small(), 1e-4
-    theta = case.job.problem.posterior.space.draw(3, np.random.default_rng(1))
-    sigma = np.array([0.05, 0.1])
-    columns = []
-    for k in range(2):
-        moved = [theta * np.exp(sign * step * np.eye(2)[k]) for sign in (1.0, -1.0)]
-        up, down = (each.coming.motion(point, LEVELS)[0] for point in moved)
-        columns.append(((up - down) / (2 * step) / sigma).reshape(3, -1))
-    rows = np.stack(columns, axis=2)
-    expected = rows.swapaxes(1, 2) @ rows
-    np.testing.assert_allclose(each.information(LEVELS), expected, rtol=1e-5)
 
 
 def test_slopes_of_the_criterion_and_of_penalties_are_those_of_differences() -> None:

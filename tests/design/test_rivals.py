@@ -1,7 +1,5 @@
 """Designed experiments tell models apart, as simulated records and fits of both confirm."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

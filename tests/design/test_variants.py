@@ -1,9 +1,7 @@
 """Variants of a design have the sds that laws of information ask for."""
 
-from __future__ import annotations
-
 import numpy as np
-from support.array_cases import late_angle, two
+from support.array_cases import two
 
 from bayesdrill.report.sections.design import design_csv
 
@@ -31,11 +29,3 @@ def test_repeats_rates_and_channels_change_the_sds_as_information_adds_up() -> N
     rows = [line.split(",") for line in design_csv(designed).splitlines()]
     assert rows[0] == ["experiment", "k_s", "t_f"]
     assert {row[0]: float(row[1]) for row in rows[1:]}["designed"] == designed.targets[0].designed
-
-
-def test_noise_that_remembers_is_thinned_and_extended_too() -> None:
-    """AR(1) noise of one channel keeps its correlation from one sample to the next."""
-    case = two(channels={"theta_2": late_angle()})
-    designed = case.design("k_s", family="prbs", high=12.0, hold=0.5, duration=4.0, draws=1).design
-    assert designed.variants["half the rate"] > (designed.targets[0].designed,)
-    assert next(iter(designed.variants)) == "half the rate"

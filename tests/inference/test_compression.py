@@ -55,6 +55,7 @@ def case_of(
         parameters={name: BOX if name in free else "nominal" for name in NOMINAL},
         nominal="tables_2_3",
         sampler={"likelihood": likelihood, "walkers": 32, "ess": 1000},
+        output={"figures": ["fit"]},
         name="long",
     )
 
@@ -71,27 +72,16 @@ def sampled(likelihood: str) -> bd.Run:
     return case(likelihood, SAMPLED).sample(processes=1)
 
 
-def difference(one: bd.Run, other: bd.Run) -> float:
-    """Return the largest difference of two means, in sds; 0.15 are some five Monte Carlo errors."""
-    pairs = zip(one.analysis.unknowns, other.analysis.unknowns, strict=True)
-    return max(abs(mine.mean - row.mean) / row.sd for mine, row in pairs)
-
-
 def test_the_posterior_is_that_of_all_samples() -> None:
     compressed, exact = sampled("compressed"), sampled("exact")
     assert compressed.converged
     assert exact.converged
-    assert difference(compressed, exact) < 0.15
+    for mine, row in zip(compressed.analysis.unknowns, exact.analysis.unknowns, strict=True):
+        assert abs(mine.mean - row.mean) < 0.15 * row.sd  # some five Monte Carlo errors
     assert compressed.evidence.log_z == pytest.approx(exact.evidence.log_z, abs=0.1)
-    assert compressed.sampled.compression is not None
     assert exact.sampled.compression is None
-
-
-def test_draws_are_checked_against_the_exact_likelihood() -> None:
-    check = sampled("compressed").sampled.compression
-    assert check is not None
-    assert check.samples == SAMPLED
-    assert check.draws == 500
+    check = compressed.sampled.compression  # of draws, against the exact likelihood
+    assert (check.samples, check.draws) == (SAMPLED, 500)
     assert check.difference < 1e-6
     assert check.exact < 10
 
@@ -134,7 +124,6 @@ def search() -> tuple[Posterior | None, Mode, Posterior]:
 
 def test_the_search_begins_with_an_excerpt_and_ends_with_all_samples() -> None:
     excerpt, mode, posterior = search()
-    assert excerpt is not None
     assert len(excerpt.likelihood.observations[0].experiment.t) == compression.EXCERPT
     assert isinstance(posterior.likelihood.observations[0].response, CompressedSimulator)
     problem = case().job.problem
@@ -200,28 +189,19 @@ def test_a_resumed_run_has_the_same_basis_functions() -> None:
         with WorkerPool(posterior, 1) as pool:
             fits.compress_about(pool, mode, find_map.fit_plan(case().job).shortest)
             response = pool.posterior.likelihood.observations[0].response
-            assert isinstance(response, CompressedSimulator)
             triangles.append(response.compression.record.matrix)
     assert np.array_equal(*triangles)
 
 
-@cache
-def coloured(likelihood: str) -> bd.Run:
-    """A run of a record in which the noise of one channel is autoregressive."""
+def test_autoregressive_noise_is_compressed_too() -> None:
+    """Of one channel; the draws are compared with the exact likelihood."""
     t, v, w, rng = speeds(2401, 6)
     noise = 0.1 * rng.standard_normal(w.shape)
     noise[1] = lfilter([np.sqrt(1.0 - RHO**2)], [1.0, -RHO], noise[1])
-    free = ("k_e", "r_m", "k_s")
-    return case_of(t, v, w + noise, free, likelihood, noise="ar1").sample(processes=1)
-
-
-def test_autoregressive_noise_is_compressed_too() -> None:
-    compressed, exact = coloured("compressed"), coloured("exact")
-    assert difference(compressed, exact) < 0.15
-    rows = {row.name: row for row in compressed.analysis.unknowns}
+    case = case_of(t, v, w + noise, ("k_e", "r_m", "k_s"), "compressed", noise="ar1")
+    run = case.sample(processes=1)
+    rows = {row.name: row for row in run.analysis.unknowns}
     for name, true in (("rho_w_2", RHO), ("k_s", NOMINAL["k_s"])):
         assert abs(rows[name].mean - true) < 4.0 * rows[name].sd, name
-    check = compressed.sampled.compression
-    assert check is not None
+    check = run.sampled.compression
     assert check.difference < 1e-6
-    assert exact.sampled.compression is None

@@ -14,7 +14,7 @@ from bayesdrill.inference import derived
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.record.experiment import typical_inputs
 from bayesdrill.report.sections.products import derived_csv, derived_shown
-from bayesdrill.rig.models.linear import Model, with_named
+from bayesdrill.rig.models.linear import Linear, Model, with_named
 from bayesdrill.rig.models.long_shaft import LongShaft
 from bayesdrill.rig.models.motor_shaft import DrivenShaft, Motor, MotorShaft
 
@@ -77,6 +77,14 @@ def test_one_draw_without_a_quantity_leaves_the_others_alone() -> None:
     p = {name: np.array([x, np.nan]) for name, x in NOMINAL.items()}
     omega_n = derived.poles(MotorShaft(), MotorShaft().linear(p), 2)["omega_n"]
     assert list(np.isfinite(omega_n)) == [True, False]
+
+
+def test_a_rig_that_never_settles_has_no_end_values() -> None:
+    """Held by neither angle nor friction in one state: NaN, and no error."""
+    a = {("theta_1", "w_1"): 1.0, ("w_1", "theta_1"): -1.0, ("theta_2", "w_2"): 1.0}
+    linear = Linear(A={**a, ("i", "i"): -1.0}, B={}, c={"w_2": 1.0})
+    values = derived.steady_values(MotorShaft(), linear, 1, {})
+    assert undefined(values) == {"w_end", "i_end"}
 
 
 SHAFT = {"k_s": 4.1, "j_1": 7.8e-3, "c_s": 0.017, "c_1": 0.011}

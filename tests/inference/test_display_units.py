@@ -4,7 +4,7 @@ import csv
 import io
 import math
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -88,22 +88,15 @@ def usual() -> bd.Case:
     return case({}, {})
 
 
-@dataclass(frozen=True)
-class Pair:
-    """One chain, seen by a case in users' units and by the same case in SI."""
-
-    own: ReportContext
-    plain: ReportContext
-
-
 @cache
-def pair() -> Pair:
+def views() -> tuple[ReportContext, ReportContext]:
+    """Return one chain, seen by a case in users' units and by the same case in SI."""
     run = users().sample()
     own, plain = (
         conclusions.concluded(conclusions.SampledRun(case.job, run.mode, run.sampled))
         for case in (users(), usual())
     )
-    return Pair(own, plain)
+    return own, plain
 
 
 def numbers(text: str) -> list[float]:
@@ -178,7 +171,7 @@ def tables(view: ReportContext) -> list[tuple[tuple[str, ...], list[list[str]]]]
 
 def test_tables_show_results_in_the_unit_of_the_user() -> None:
     with_unit = {"nominal", "MAP", "mean", "sd"}
-    for (heads, own), (_, plain) in zip(tables(pair().own), tables(pair().plain), strict=True):
+    for (heads, own), (_, plain) in zip(*map(tables, views()), strict=True):
         for line, line_in_si in zip(own, plain, strict=True):
             name = line[0]
             assert (name, line[1]) == (line_in_si[0], UNITS.get(name, line_in_si[1]))
@@ -191,7 +184,7 @@ def test_tables_show_results_in_the_unit_of_the_user() -> None:
 
 
 def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -> None:
-    view = pair().own
+    view, _ = views()
     other = LocalMaximum(
         values={**view.mode.values, "sigma_w_1": 2.0, "d": 4e-3}, log_posterior=-9.0
     )
@@ -212,28 +205,26 @@ def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -
 # Several runs
 
 
-def overlaid(first: str, second: str) -> ComparisonReport:
-    views = {"own": pair().own, "plain": pair().plain}
-    jobs = {"own": users().job, "plain": usual().job}
-    shown = comparison.overlay_units([jobs[first], jobs[second]])
-    runs = {
-        name: conclusions.SampledRun(jobs[name], views[name].mode, views[name].sampled)
-        for name in (first, second)
-    }
-    layers = [comparison.overlay_layer(name, run, shown) for name, run in runs.items()]
+def overlaid(*, users_first: bool) -> ComparisonReport:
+    runs = [
+        (name, conclusions.SampledRun(case.job, view.mode, view.sampled))
+        for name, case, view in zip(("own", "plain"), (users(), usual()), views(), strict=True)
+    ]
+    runs = runs if users_first else runs[::-1]
+    shown = comparison.overlay_units([run.job for _, run in runs])
+    layers = [comparison.overlay_layer(name, run, shown) for name, run in runs]
     return ComparisonReport(tuple(layers), shown)
 
 
 def test_runs_are_shown_in_the_units_of_the_first_and_saved_in_si() -> None:
     """And two runs that differ in units alone are not said to differ."""
-    own_first, plain_first = overlaid("own", "plain"), overlaid("plain", "own")
+    own_first, plain_first = (overlaid(users_first=first) for first in (True, False))
     for report, shown in ((own_first, UNITS), (plain_first, {})):
         assert "in the unit of the first" in report.texts["overlay.md"]
         lines = [line.split(" | ") for line in report.texts["overlay.md"].splitlines()]
         table = {line[0].removeprefix("| "): line for line in lines if len(line) > 4}
         for row in report.rows:
             name, place = row.symbol.name, row.places[0]
-            assert place is not None
             assert table[name][1] == shown.get(name, row.symbol.plain_unit)
             factor = FACTORS[name] if name in shown else 1.0
             for cell in table[name][3:5]:
@@ -249,10 +240,9 @@ def test_runs_are_shown_in_the_units_of_the_first_and_saved_in_si() -> None:
 
 
 def test_axes_of_several_runs_have_the_unit_and_the_logs_of_the_first() -> None:
-    report = overlaid("own", "plain")
+    report = overlaid(users_first=True)
     (row,) = (row for row in report.rows if row.symbol.name == "sigma_theta_1")
     place = row.places[0]
-    assert place is not None
     for draw in (intervals_figure, overlay_corner_figure):
         figure = drawn(draw(report.layers, report.rows, report.units))
         assert list(clashes(figure)) == []
@@ -276,7 +266,7 @@ def test_a_name_that_is_a_length_in_one_run_and_an_angle_in_another_is_in_si() -
 
 
 def test_files_for_machines_are_si_whatever_the_units_of_the_config() -> None:
-    own, plain = pair().own, pair().plain
+    own, plain = views()
     for name in ("summary.csv", "derived.csv", "verdict.csv"):
         one, other = (list(csv.DictReader(io.StringIO(TABLES[name](v)))) for v in (own, plain))
         assert one
@@ -292,7 +282,7 @@ def test_files_for_machines_are_si_whatever_the_units_of_the_config() -> None:
 
 
 def test_every_variable_of_the_tree_has_a_unit() -> None:
-    tree = pair().own.tree
+    tree = views()[0].tree
     for name, group in tree.children.items():
         assert group.data_vars or name == "constant_data"
         for key, values in group.data_vars.items():
@@ -330,6 +320,3 @@ def test_a_unit_that_formulas_do_not_have_is_shown_in_si() -> None:
             latex_unit(name)
         shown = DisplayUnits({"d": unit})
         assert shown.format_value("d", 3e-10) == f"3e-10 {si_unit.replace('**', '^')}"
-
-
-# Figures as the config wants them

@@ -53,7 +53,6 @@ def test_the_start_is_near_the_truth(
     case = bd.case(T, {channel: bd.Channel(y, unit, sigma)}, inputs, boxes, rig=rig)
     posterior = case.job.problem.posterior
     theta = regression_start(posterior)
-    assert theta is not None
     start = dict(zip(posterior.space.free, theta, strict=True))
     assert start == pytest.approx(truth, rel=within)
     configured = posterior.space.vector(posterior.space.start)

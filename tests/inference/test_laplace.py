@@ -16,7 +16,7 @@ from support.small_problems import likelihood_of, unknown
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.basics.formulas import expression
 from bayesdrill.inference import laplace
-from bayesdrill.inference.laplace import LogDensity, QuadraticModel, concatenate_models
+from bayesdrill.inference.laplace import LogDensity, concatenate_models
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
@@ -141,13 +141,10 @@ def test_a_point_does_not_depend_on_its_neighbours(name: str) -> None:
         for size in (1, 11):
             slices = [u[k : k + size] for k in range(0, 22, size)]
             parts = [surface.quadratic_model(part, directions) for part in slices]
-            assert_same(concatenate_models(parts), whole)
-
-
-def assert_same(one: QuadraticModel, other: QuadraticModel) -> None:
-    assert one.value == pytest.approx(other.value, rel=1e-15)
-    assert np.array_equal(one.slope, other.slope)
-    assert np.array_equal(one.curvature, other.curvature)
+            model = concatenate_models(parts)
+            assert model.value == pytest.approx(whole.value, rel=1e-15)
+            assert np.array_equal(model.slope, whole.slope)
+            assert np.array_equal(model.curvature, whole.curvature)
 
 
 def test_ends_and_spreads_are_those_of_the_priors() -> None:

@@ -1,6 +1,5 @@
 """The density of a posterior against SciPy, term by term, and posteriors that are edited."""
 
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -92,12 +91,6 @@ def test_fixed_parameters_are_held_by_their_names() -> None:
     assert dict(zip(ORDER, target.space.full(theta)[0], strict=True)) == {**NOMINAL, **values}
     nine = posterior(RECORD, SIGMA).likelihood(vector({**NOMINAL, **values})[None])
     assert target.likelihood(theta)[0] == nine[0]
-
-
-def test_a_pickled_posterior_gives_the_same_density() -> None:
-    target = posterior(RECORD, SIGMA)
-    z = target.coordinates.from_physical(points(3))
-    assert np.array_equal(pickle.loads(pickle.dumps(target))(z), target(z))
 
 
 def test_a_maximum_at_the_end_of_a_prior_that_may_be_negative_is_noticed() -> None:

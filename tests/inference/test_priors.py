@@ -42,6 +42,14 @@ def test_the_density_outside_the_support_is_minus_infinity(prior: Prior, true: A
     assert not np.isfinite(density[3])
 
 
+def test_an_unknown_is_walked_in_its_log_unless_zero_itself_has_a_density() -> None:
+    """Its log would have an endless tail there."""
+    from_zero = [PRIORS["uniform"](low=0.0, high=2.0)]
+    from_zero += [PRIORS["truncated_normal"](mean=1.0, sd=0.4, low=0.0, high=2.0)]
+    for prior in (*from_zero, *(prior for prior, _ in FAMILIES.values())):
+        assert prior.in_logs == (np.exp(prior.logpdf(np.array([1e-12]))[0]) == 0.0), prior
+
+
 @run_cases("prior, true", FAMILIES.values(), FAMILIES)
 def test_spreads_are_standard_deviations(prior: Prior, true: Any) -> None:
     assert prior_sd(prior) == pytest.approx(true.std(), rel=0.01)

@@ -90,17 +90,6 @@ def test_a_channel_that_does_not_move_has_no_share() -> None:
     assert "theta_1" not in residual_sentences(result, SECOND).splitlines()[0]
 
 
-@run_cases("factor, kind, word", [(2.0, "large", "larger"), (0.4, "small", "smaller")])
-def test_a_wrong_sigma_is_noticed_in_its_channel(factor: float, kind: str, word: str) -> None:
-    result = summaries(white(5) * [1.0, 1.0, factor, 1.0])
-    assert [getattr(channel, kind) for channel in result] == [False, False, True, False]
-    assert not any(channel.correlated or channel.far for channel in result)
-    text = residual_sentences(result, SECOND).split("\n", 1)[1]
-    assert f"are {word} than the noise" in text
-    assert f"w_1 {result[2].rms:.3g}" in text
-    assert "theta" not in text
-
-
 def test_a_differenced_column_and_one_bad_sample_are_noticed() -> None:
     residuals = white(7)
     steps = np.random.default_rng(1).standard_normal(N + 2)
@@ -114,16 +103,21 @@ def test_a_differenced_column_and_one_bad_sample_are_noticed() -> None:
     assert f"theta_1 5.5 at {time:.4g} s" in residual_sentences(result, SECOND)
 
 
-@run_cases("rms, believed", [(0.3, True), (1.4, True), (1.6, False)])
-def test_a_fit_that_leaves_far_more_than_the_noise_is_not_believed(
-    rms: float, believed: bool
+@run_cases(
+    "rms, kind, believed",
+    [(0.3, "smaller", True), (1.4, "larger", True), (1.6, "larger", False)],
+)
+def test_residuals_of_a_wrong_sigma_are_named_and_far_too_large_ones_not_believed(
+    rms: float, kind: str, believed: bool
 ) -> None:
-    """One that leaves less is: its standard deviations are too large."""
+    """A fit that leaves less is believed: its standard deviations are too large."""
     residuals = white(5)
     residuals[:, 2] *= rms * SIGMA[2] / np.sqrt(np.mean(residuals[:, 2] ** 2))
     result = summaries(residuals)
     assert [channel.large for channel in result] == [False, False, rms > 1, False]
+    assert [channel.small for channel in result] == [False, False, rms < 1, False]
     assert [channel.unbelievable for channel in result] == [False, False, not believed, False]
+    assert f"are {kind} than the noise" in residual_sentences(result, SECOND)
     reason = "the residuals are larger than the noise: w_1 1.6 times sigma"
     assert residual_reasons(result) == (() if believed else (reason,))
 
@@ -227,16 +221,16 @@ def test_correlations_are_those_of_pairs_of_samples_that_are_there() -> None:
 
 @run_cases("rho", [0.0, 0.8])
 def test_bands_hold_residuals_that_know_nothing_of_the_input(rho: float) -> None:
-    """Over 200 records one value in a hundred is outside, and hardly a record follows the input."""
+    """Over 100 records one value in a hundred is outside, and hardly a record follows the input."""
     outside, white_outside, followed = [], [], 0
-    for seed in range(200):
+    for seed in range(100):
         result = correlations_of(TWO_SIGMAS * ar1(rho, (LONG, 2), seed))
         with_input = [one for (_, name), one in result.items() if name]
         outside += [np.abs(one.values) > one.band for one in with_input]
         white_outside.append(np.abs(result["w_2", ""].values) > result["w_2", ""].band)
         followed += bool(followed_inputs(with_input))
     assert 0.003 < np.mean(outside) < 0.02
-    assert followed <= 7  # 2 on average
+    assert followed <= 5  # 1 on average
     assert rho > 0 or 0.005 < np.mean(white_outside) < 0.02
 
 

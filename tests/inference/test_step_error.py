@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ruamel.yaml import YAML
 from support.case_tables import run_cases
 from support.friction_cases import CASES, moved
 from support.scipy_oracles import NOMINAL
@@ -69,7 +68,6 @@ def test_the_fewest_steps_are_chosen_whose_error_is_small_beside_the_noise(sigma
 
 T = np.linspace(0.0, 4.0, 161)
 STRIBECK = {"t_cm": 0.01, "t_sm": 0.03, "w_sm": 20.0}
-YAML_SAFE = YAML(typ="safe", pure=True)
 NAMED = {**dict.fromkeys(NOMINAL, "nominal"), **STRIBECK}
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 UNKNOWN = {"prior": "log_uniform", "low": 0.01, "high": 100.0, "start": 20.0}
@@ -142,25 +140,6 @@ def test_the_evidence_is_that_of_the_rig_and_not_of_its_steps() -> None:
         return float(logs.max() + np.log(whole))
 
     true = log_z({"": (256, REVERSAL_SUBSTEPS)})
-    assert evidence is not None
     assert abs(log_z(dict(run(known=True).mode.pieces)) - true) > 0.03
     assert abs(evidence.log_z - true) < 2 * evidence.error < 0.1
     assert "for the error of its steps" in str(run(known=True))
-
-
-def test_a_saved_run_goes_on_in_its_steps(tmp_path: Path) -> None:
-    mine = run(known=True)
-    mine.save(tmp_path / "out")
-    again = bd.open(tmp_path / "out")
-    assert steps_of(again.job) == steps_of(mine.job)
-    assert again.mode.pieces == mine.mode.pieces
-    posterior = mine.job.problem.posterior
-    last = mine.sampled.segments[0][-1]
-    assert posterior(last.z[-1]) == pytest.approx(last.log_p[-1], abs=1e-9)
-
-    config = YAML_SAFE.load((tmp_path / "out" / "config.yaml").read_text())
-    config["model"] = {**config.get("model", {}), "name": "motor_shaft", "pieces": 2}
-    with (tmp_path / "out" / "given.yaml").open("w") as file:
-        YAML_SAFE.dump(config, file)
-    given = bd.load(tmp_path / "out" / "given.yaml").job
-    assert steps_of(given) == {}  # steps of the config stay

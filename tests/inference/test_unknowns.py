@@ -11,7 +11,6 @@ from support.scipy_oracles import NOMINAL
 from support.small_problems import vector, with_priors
 
 from bayesdrill.inference.priors import (
-    PRIORS,
     LogNormal,
     Prior,
     TruncatedNormal,
@@ -91,28 +90,6 @@ def test_an_unknown_between_two_ends_is_walked_by_its_probit() -> None:
     assert np.isfinite(BETWEEN.with_jacobian(far)[1]).all()
     assert np.array_equal(BETWEEN.natural(theta)[:, 0], theta[:, 0])
     assert (BETWEEN.natural(theta)[:, 1:] == 1.0).all()
-
-
-ENTRIES: dict[str, dict[str, float]] = {
-    "uniform": {"low": 0.1, "high": 2.0},
-    "log_uniform": {"low": 0.1, "high": 2.0},
-    "normal": {"mean": 1.0, "sd": 0.4},
-    "truncated_normal": {"mean": 1.0, "sd": 0.4, "low": 0.1, "high": 2.0},
-    "log_normal": {"median": 1.0, "sd_log": 0.4},
-    "half_normal": {"scale": 1.0},
-}
-
-
-@run_cases("family", PRIORS)
-def test_an_unknown_is_walked_in_its_log_unless_zero_itself_has_a_density(family: str) -> None:
-    """Its log would have an endless tail there."""
-    prior = PRIORS[family](**ENTRIES[family])
-    at_zero = float(np.exp(prior.logpdf(np.array([1e-12]))[0]))
-    assert prior.in_logs == (at_zero == 0.0)
-    if "low" in ENTRIES[family] and family != "log_uniform":
-        down = PRIORS[family](**{**ENTRIES[family], "low": 0.0})
-        assert not down.in_logs
-        assert np.isfinite(down.logpdf(np.array([1e-12]))[0])
 
 
 # --- unknowns that may be negative -----------------------------------------------------------------

@@ -83,7 +83,6 @@ def test_a_chain_that_is_only_too_short_says_how_many_steps_are_enough() -> None
     chains = ar1((4, 4000, 16, 2), 0.9)
     short = assess(chains[:, :600], ("a", "b"), TARGETS)
     assert not short.converged
-    assert short.enough is not None
     assert short.slowest in ("a", "b")
     assert 600 < short.enough < 4000
     assert assess(chains[:, : short.enough], ("a", "b"), TARGETS).converged
@@ -126,7 +125,6 @@ def test_runs_that_more_steps_would_not_help_are_given_up(
     if words is None:
         assert reason is None
     else:
-        assert reason is not None
         message = finding_sentence(reason)
         assert message.startswith("stopped early: ")
         assert words in message
@@ -197,15 +195,6 @@ class Chains:
         self.theta[ensemble, since:, walker] = self.theta[ensemble, since, walker]
         self.log_p[ensemble, since:, walker] = self.log_p[ensemble, since, walker]
 
-    def lost(self, ensemble: int, walker: int, far: float, below: float) -> None:
-        """This walker moves about, but elsewhere, where the density is lower."""
-        self.theta[ensemble, :, walker] += far
-        self.log_p[ensemble, :, walker] -= below
-
-    def parted(self, ensemble: int, walkers: slice, unknown: int, far: float) -> None:
-        """These walkers are in a second place, as high as the first."""
-        self.theta[ensemble, :, walkers, unknown] += far
-
 
 def sound(seed: int, walkers: int = 32, steps: int = 700, rho: float = 0.8) -> Chains:
     """Four ensembles of three unknowns: tau 9 at rho 0.8."""
@@ -271,16 +260,15 @@ def test_many_walkers_that_do_not_move_are_counted() -> None:
 
 def test_a_walker_caught_in_a_lesser_maximum_is_named() -> None:
     chains = sound(6, walkers=64)
-    for ensemble in range(4):
-        chains.lost(ensemble, 9, far=0.8, below=40.0)
+    chains.theta[:, :, 9] += 0.8
+    chains.log_p[:, :, 9] -= 40.0
     assert "4 of 256 walkers" in reason(judge(chains), "lost")
 
 
 @run_cases("second", [slice(0, 12), slice(0, 1)], ["12 of 32", "1 of 32"])
 def test_two_places_alike_in_all_ensembles_are_named_where_r_hat_is_blind(second: slice) -> None:
     chains = sound(7)
-    for ensemble in range(4):
-        chains.parted(ensemble, second, 1, far=6.0)
+    chains.theta[:, :, second, 1] += 6.0  # as high as the first place
     words = reason(judge(chains), "two places")
     assert "k_s: " in words
     assert "k_T" not in words
@@ -296,7 +284,6 @@ def test_two_places_between_which_walkers_cross_are_no_fault() -> None:
     noise = np.random.default_rng(10).standard_normal((1000, 100))
     assert find_two_groups(6.0 * seldom + noise) is None
     groups = find_two_groups(20.0 * (np.arange(100) % 4 == 0) + noise)
-    assert groups is not None
     low, high, upper_share, crossings = groups
     assert crossings == 0
     assert upper_share == pytest.approx(0.25, abs=0.01)

@@ -11,14 +11,10 @@ from support.closed_form_densities import Walled, humps, learned, ridge_point, r
 from support.compiled_responses import SIGMA, seen
 from support.small_problems import noisy_step, posterior
 
-import bayesdrill as bd
 from bayesdrill.basics.progress import Silent
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.findings import finding_sentence
-from bayesdrill.rig.simulators.linear import Response
-from bayesdrill.rig.simulators.sensors import ObservationModel
-from bayesdrill.rig.simulators.stepped import Stepped
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import (
     MemoryBackend,
@@ -27,7 +23,6 @@ from bayesdrill.sampling.ensembles import (
     begin_walkers,
     prepare,
     sample,
-    slopes_are_expensive,
 )
 from bayesdrill.sampling.proposal.learning import LearnedProposal
 from bayesdrill.sampling.samplers.ensemble import State
@@ -47,12 +42,12 @@ def problem() -> tuple[Posterior, np.ndarray, LearnedProposal]:
     return target, maximum, prepare(WorkerPool(target, 1), maximum, 1)
 
 
-def visited(moves: dict[str, float], seed: int = 1) -> list[set[bytes]]:
+def visited(moves: dict[str, float]) -> list[set[bytes]]:
     """Of two ensembles that make a few steps, every place where a walker has been."""
     target, maxima, _ = problem()
     targets = Targets(r_hat=1.01, n_tau=50, ess=1000)
     plan = Plan(
-        ensembles=2, walkers=WALKERS, moves=moves, targets=targets, max_steps=12, seed=seed
+        ensembles=2, walkers=WALKERS, moves=moves, targets=targets, max_steps=12, seed=1
     )  # fmt: skip
     result = sample(WorkerPool(target, 1), maxima, plan, MemoryBackend(), Silent())
     chains = [np.concatenate([segment.z for segment in chain]) for chain in result.segments]
@@ -82,14 +77,6 @@ def test_ensembles_start_at_different_points_with_different_streams() -> None:
         stream.set_state(start.random)
     for first, second in itertools.combinations([s.random_sample(50) for s in streams], 2):
         assert not np.isin(first, second).any()
-
-
-def test_the_same_seed_starts_and_walks_alike_and_another_does_not() -> None:
-    assert np.array_equal(begin(3, 1).z, begin(3, 1).z)
-    assert not np.isin(begin(3, 1).z, begin(4, 1).z).any()
-    run, again, other = (visited(ALL_MOVES, seed) for seed in (1, 1, 2))
-    assert run == again
-    assert not (run[0] | run[1]) & (other[0] | other[1])
 
 
 # --- where walkers start ---------------------------------------------------------------------------
@@ -166,29 +153,6 @@ def test_walkers_start_on_all_maxima_alike() -> None:
     assert surface.belongs(state.z).mean() == pytest.approx(0.5, abs=0.05)
 
 
-BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-RIG = {**dict.fromkeys(("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "t_f"), "nominal"), "k_s": BOX}
-
-
-@run_cases(
-    "samples, response, expensive",
-    [(40_000, Response, False), (1000, Stepped, False), (40_000, Stepped, True)],
-)
-def test_slopes_are_expensive_of_long_records_that_sums_do_not_replace(
-    samples: int, response: type[Response | Stepped], expensive: bool
-) -> None:
-    """What goes in steps has slopes of every sample; other linear rigs sum them up."""
-    t = 0.01 * np.arange(samples)
-    speed = bd.Channel(np.sin(t), "rad/s", 0.1)
-    case = bd.case(t, {"w_1": speed}, {"v": 8.0}, {**RIG, "j_1": BOX}, nominal="tables_2_3")
-    posterior = case.job.problem.posterior
-    observation = posterior.likelihood.only_observation
-    parts = observation.response.model, observation.experiment, ObservationModel()
-    observations = (replace(observation, response=response(*parts)),)
-    likelihood = replace(posterior.likelihood, observations=observations)
-    assert slopes_are_expensive(replace(posterior, likelihood=likelihood)) == expensive
-
-
 # --- runs that are given up, and cut ---------------------------------------------------------------
 
 HOPELESS = Plan(
@@ -223,9 +187,8 @@ def test_a_run_that_would_take_too_long_is_given_up() -> None:
 @pytest.mark.parametrize(
     "kept",
     [
-        (1, 0),
         (2, 4),
-        *(pytest.param(cut, marks=pytest.mark.slow) for cut in [(0, 0), (4, 4), (-1, -1)]),
+        *(pytest.param(cut, marks=pytest.mark.slow) for cut in [(1, 0), (0, 0), (4, 4), (-1, -1)]),
     ],
 )
 def test_a_run_that_was_cut_is_given_up_at_the_same_step(kept: tuple[int, int]) -> None:

@@ -31,14 +31,11 @@ def search(target: Posterior, evaluations: int = 4000, **start: float) -> Search
     return mode_search.searches(target, THOROUGH, evaluations, theta[None])[0]
 
 
-def summarise_from_four(target: Posterior, seed: int, evaluations: int = 4000) -> Mode:
-    starts = mode_search.starts(target, 4, np.random.default_rng(seed))
-    searches = mode_search.searches(target, THOROUGH, evaluations, starts)
-    return mode_search.summarise(target, tuple(searches))
-
-
 def test_searches_agree_where_the_record_determines_everything() -> None:
-    mode = summarise_from_four(two_unknowns(), 9)
+    target = two_unknowns()
+    starts = mode_search.starts(target, 4, np.random.default_rng(9))
+    searches = mode_search.searches(target, THOROUGH, 4000, starts)
+    mode = mode_search.summarise(target, tuple(searches))
     assert len(mode.highest) >= 2
     assert mode.wandering == ()
     assert mode.gain < 1e-6

@@ -232,5 +232,4 @@ def test_a_servo_without_a_limit_is_tried_with_one(tmp_path: Path) -> None:
     assert limited.problem.model.saturation is not None
     lines, limited = changed(servo, "goal_speed_hub")
     assert lines["parameters"]["w_goal_hub"]["prior"] == "log_uniform"
-    assert limited.problem.model.saturation is not None
     assert limited.problem.model.saturation.speed == "w_goal_hub"

@@ -40,15 +40,12 @@ BOX = "{prior: log_uniform, low: 0.1, high: 10, relative: true}"
 MODEL = bd.Train(inertias=["hub"], drives={"hub": "voltage"})
 
 
-def motor(folder: Path, *changes: tuple[str, str], w: float = 1.0, i: float = 1.0) -> Path:
-    """Write a motor under 24 V, of which columns are multiplied, and values or units wrong."""
+def motor(folder: Path, *changes: tuple[str, str], w: float = 1.0) -> Path:
+    """Write a motor under 24 V, whose speeds are multiplied, and values or units wrong."""
     exact = bd.respond(MODEL, TRUE, T, {"u_hub": 24.0}, ["w_hub", "i_hub"])
     noise = np.random.default_rng(8).standard_normal((2, len(T)))
-    columns = {"w": w * (exact["w_hub"] + 0.5 * noise[0])}
-    columns["i"] = i * (exact["i_hub"] + 0.02 * noise[1])
-    text = MOTOR.replace("BOX", BOX)
-    for old, new in (("sigma: 0.5", f"sigma: {0.5 * w:.4g}"), ("0.02}", f"{0.02 * i:.4g}}}")):
-        text = text.replace(old, new)
+    columns = {"w": w * (exact["w_hub"] + 0.5 * noise[0]), "i": exact["i_hub"] + 0.02 * noise[1]}
+    text = MOTOR.replace("BOX", BOX).replace("sigma: 0.5", f"sigma: {0.5 * w:.4g}")
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
@@ -65,7 +62,6 @@ WRONG = {
     ),
     "held value in mH": ([("l_hub: 1.0e-3", "l_hub: 1.0")], {}, "l_hub_0.001", "l_hub: 0.001"),
     "rpm as rad/s": ([], {"w": 30 / np.pi}, "w_hub_0.105", "unit: rpm"),
-    "mA as A": ([], {"i": 1000.0}, "i_hub_0.001", "unit: mA"),
 }
 
 
@@ -74,8 +70,6 @@ def test_a_wrong_unit_is_found_before_physics_is_invented(name: str, tmp_path: P
     """Kills the mutant that ranks all other candidates first, which takes minutes."""
     changes, columns, part, line = WRONG[name]
     causes = causes_of(bd.load(motor(tmp_path, *changes, **columns)))
-    assert causes is not None
-    assert causes.best is not None
     assert causes.best.name == f"scale_{part}"
     assert causes.best.explains_all
     assert line in causes.best.lines

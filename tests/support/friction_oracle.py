@@ -23,7 +23,6 @@ from scipy.integrate import solve_ivp
 
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
 RUBS = ("friction_m", "friction_1", "drop")
-TAKEN = ("supply", "resistor", "viscous", "friction", "constant", "load", "motor")
 ROWS = (3, 2, 4)  # of the states, the speeds of the rubs
 MOST_EVENTS = 1000  # between two changes of the voltage: more are a mistake of this file
 NEAR = 1e-14  # beyond zero by so much a speed has changed its sign
@@ -96,25 +95,15 @@ class Rig:
         return driving, rubs
 
     def rate(self, x: list[float], v: float, t_1: float, modes: Modes) -> list[float]:
-        """Of the states, of the energies `TAKEN` and of the integrals of the rubs."""
+        """Of the states, and of the integrals of the rubs."""
         (motor, rotor, rise), (t_m, t_r, t_v) = self.efforts(x, v, t_1, modes)
         j_m, j_1, l_m = self.masses
-        w_1, i, w_3 = x[2], x[4], x[3] / self.i_m
-        viscous = self.p["c_m"] * w_3**2 + self.get("c_1") * w_1**2
-        viscous += self.get("c_s") * (w_1 - x[3]) ** 2
         return [
-            w_1,
+            x[2],
             x[3],
             (rotor - t_r) / j_1,
             self.i_m * (motor - t_m) / j_m,
             (rise - t_v) / l_m,
-            v * i,
-            (self.p["r_m"] + self.get("r_s")) * i**2,
-            viscous,
-            t_m * w_3 + t_r * w_1 + t_v * i,
-            self.get("t_f") * w_3,
-            t_1 * w_1,
-            (self.p["k_e"] - self.p["k_T"]) * i * w_3,
             t_m,
             t_r,
             t_v,
@@ -137,41 +126,18 @@ class Rig:
 @dataclass(frozen=True, kw_only=True)
 class Moved:
     """At times `t (T,)`: `states (T, 5)`; `efforts (T, 3)` of `RUBS`, signed; `stuck (T, 3)`; their
-    integrals so far `impulses (T, 3)`; `taken`: energies so far; `v (T,)` as it was at each time.
+    integrals so far `impulses (T, 3)`; `v (T,)` as it was at each time.
     """
 
-    rig: Rig
     t: np.ndarray
     states: np.ndarray
     efforts: np.ndarray
     stuck: np.ndarray
     impulses: np.ndarray
-    taken: Mapping[str, np.ndarray]
     v: np.ndarray
-    events: int
 
     def of(self, name: str) -> np.ndarray:
         return self.states[:, STATES.index(name)]
-
-    @property
-    def stored(self) -> dict[str, np.ndarray]:
-        j_m, j_1, l_m = self.rig.masses
-        w_3 = self.of("w_2") / self.rig.i_m
-        twist = self.of("theta_1") - self.of("theta_2")
-        return {
-            "kinetic": 0.5 * (j_m * w_3**2 + j_1 * self.of("w_1") ** 2),
-            "spring": 0.5 * self.rig.p["k_s"] * twist**2,
-            "coil": 0.5 * l_m * self.of("i") ** 2,
-        }
-
-    @property
-    def balance(self) -> np.ndarray:
-        """`(T,)`: supplied less taken less stored since the start, over all that went to and fro."""
-        kept = sum(part - part[0] for part in self.stored.values())
-        spent = [part for name, part in self.taken.items() if name != "supply"]
-        left = self.taken["supply"] - sum(spent) - kept
-        scale = sum(np.abs(part).max() for part in (*self.taken.values(), *self.stored.values()))
-        return np.asarray(left / scale)
 
 
 Drive = Callable[[float], tuple[float, float]]  # voltage and load at a time
@@ -184,7 +150,7 @@ class Course:
     rig: Rig
     at: np.ndarray
     t: float
-    y: np.ndarray  # states, energies, integrals of rubs
+    y: np.ndarray  # states, integrals of rubs
     modes: Modes
     longest: float
     rows: list[tuple[np.ndarray, np.ndarray, float, Modes]] = field(default_factory=list)
@@ -298,7 +264,7 @@ def simulate(
     happen twice between two looks at the events.
     """
     asked = knots if at is None else at
-    y = np.zeros(5 + len(TAKEN) + 3)
+    y = np.zeros(5 + 3)
     for name, value in (start or {}).items():
         y[STATES.index(name)] = value
     course = Course(rig, asked, float(knots[0]), y, (1, 1, 1, 1), longest)
@@ -313,17 +279,13 @@ def simulate(
     course.note(drive)
     states = np.array([y for y, _, _, _ in course.rows])
     modes = np.array([modes[:3] for *_, modes in course.rows])
-    n = 5 + len(TAKEN)
     return Moved(
-        rig=rig,
         t=asked,
         states=states[:, :5],
         efforts=np.array([rubs for _, rubs, _, _ in course.rows]),
         stuck=(modes == 0) & np.array(rig.rubs),
-        impulses=states[:, n:],
-        taken=dict(zip(TAKEN, states[:, 5:n].T, strict=True)),
+        impulses=states[:, 5:],
         v=np.array([v for _, _, v, _ in course.rows]),
-        events=course.events,
     )
 
 

@@ -1,7 +1,5 @@
 """Responses of the paper's rig by SciPy and plain loops, without any of the package's own."""
 
-import itertools
-
 import numpy as np
 import scipy.integrate
 import scipy.linalg
@@ -60,22 +58,13 @@ def by_expm(p: dict[str, float], t: np.ndarray, x0: np.ndarray, v: float, t_1: f
     return np.array([(scipy.linalg.expm(augmented * s) @ start)[:5] for s in t])
 
 
-def by_radau(p: dict[str, float], t: np.ndarray, x0: np.ndarray, inputs) -> np.ndarray:
-    """Return states (T, 5) by SciPy's Radau at rtol 1e-10, restarted at each sample.
-
-    `inputs(s) -> (v, t_1)` may jump or bend at the samples; `t[0]` is the time of `x0`.
-    """
-    a, b_v, b_t, c = matrices(p)
-
-    def rate(s: float, x: np.ndarray, middle: float) -> np.ndarray:
-        v, t_1 = inputs(s, middle)
-        return a @ x + b_v * v + b_t * t_1 + c
-
-    out, tolerances = [x0], {"rtol": 1e-10, "atol": 1e-12}
-    for step in itertools.pairwise(t):
-        middle = (0.5 * sum(step),)
-        solved = scipy.integrate.solve_ivp(
-            rate, step, out[-1], method="Radau", jac=a, args=middle, **tolerances
-        )
-        out.append(solved.y[:, -1])
-    return np.array(out)
+def with_damping(c_s: float, r_s: float, t: np.ndarray) -> np.ndarray:
+    """States `(T, 5)` at 8 V of the nominal rig, with damping of its shaft and a series resistance."""
+    a, v, _, friction = matrices(NOMINAL)
+    a[2, 2:4] += np.array([-c_s, c_s]) / NOMINAL["j_1"]
+    a[3, 2:4] += np.array([c_s, -c_s]) / NOMINAL["j_m"] / 64
+    a[4, 4] -= r_s / NOMINAL["l_m"]
+    whole = np.zeros((6, 6))
+    whole[:5, :5], whole[:5, 5] = a, 8.0 * v + friction
+    start = np.append(np.zeros(5), 1.0)
+    return np.array([(scipy.linalg.expm(whole * time) @ start)[:5] for time in t])

@@ -16,12 +16,10 @@ from bayesdrill.analysis.identifiability.frictions import (
     stall_voltage,
 )
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
-from bayesdrill.analysis.identifiability.study import prior_spreads, study_of
-from bayesdrill.config.schema.config import IdentifySpec
+from bayesdrill.analysis.identifiability.study import prior_spreads
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.report.sections.friction import friction_sentences
-from bayesdrill.report.sections.identifiability import describe_study
 from bayesdrill.rig.models.linear import with_named
 from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
 from bayesdrill.rig.simulators import simulator
@@ -29,7 +27,6 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 RIG = MotorShaft()
 SQUARE = np.where((T // 0.7) % 2 == 0, 5.0, -5.0)
-TURNED = np.where(np.arange(N) >= N // 2, -8.0, 8.0)
 
 
 def believed(
@@ -116,21 +113,6 @@ def test_a_friction_that_the_record_confounds_is_named_with_its_rivals(
     assert words in text
     start = record[1] if free[0] == "v_d" else None
     assert confounding(believed(free, values, other, start)).alike == ()
-
-
-def test_the_best_proposal_shrinks_the_sd_as_much_as_is_said() -> None:
-    posteriors = believed(*BOTH_FRICTIONS, 8.0), believed(*BOTH_FRICTIONS, TURNED)
-    sds = []
-    for target in posteriors:
-        theta = target.space.vector(target.space.start)
-        study = study_of(SensitivityStudy(target.likelihood), target, theta, IdentifySpec(), 0)
-        sds.append(study.parameters[0].sd)
-        text = describe_study(study, RIG)
-        assert ("friction: t_cm can hardly be distinguished from t_f" in text) == (len(sds) == 1)
-    (alike,) = confounding(posteriors[0]).alike
-    proposal = max(alike.proposals, key=lambda one: one.shrink)
-    assert proposal.what == "turned half-way"
-    assert proposal.shrink == pytest.approx(sds[0] / sds[1], rel=1e-3)
 
 
 def test_a_proposal_of_another_record_counts_beside_the_one_that_is_there() -> None:

@@ -21,12 +21,8 @@ from bayesdrill.analysis.identifiability.structure import (
     scaled_by_two,
     sparse_basis,
 )
-from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, prior_spreads, study_of
-from bayesdrill.config.schema.config import IdentifySpec
+from bayesdrill.analysis.identifiability.study import prior_spreads
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.report.sections.identifiability import (
-    dependence_sentences,
-)
 
 # Slopes by a, b, c at some points, where the record shows a + b and c.
 SUMS = [
@@ -150,16 +146,3 @@ def test_a_held_number_that_the_record_hardly_shows_leaves_its_scale_to_priors()
     for sd in (3.0, 0.03):
         share = dependence(sd).following[0] @ [-1.0, 1.0, 0.0] / -1.0
         assert share == pytest.approx(0.3**-2 / (0.3**-2 + sd**-2), abs=0.01)
-
-
-def study(target: Posterior) -> IdentifiabilityStudy:
-    theta = target.space.vector(target.space.start)
-    return study_of(SensitivityStudy(target.likelihood), target, theta, IdentifySpec(), 0)
-
-
-def test_a_record_too_noisy_for_the_inductance_depends_on_the_prior_of_the_resistance() -> None:
-    sigma = 100.0 * SIGMA
-    target = posterior(noisy_step(sigma), sigma, free=("j_m", "k_e", "k_T", "r_m"))
-    text = dependence_sentences(study(target))
-    assert "depend on the prior" in text
-    assert "more than on the record, which hardly shows l_m." in text

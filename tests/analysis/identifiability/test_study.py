@@ -3,7 +3,6 @@
 from functools import cache
 
 import numpy as np
-from support.command_line import ROOT
 from support.scipy_oracles import ORDER
 from support.small_problems import noisy_step, posterior
 
@@ -11,7 +10,6 @@ from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.config import job, loading
 from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections.identifiability import (
@@ -68,17 +66,6 @@ def test_the_rig_has_two_symmetries_and_seven_invariants() -> None:
         "any measured signal"
     ) in text
     assert "k_T, r_m and l_m can all be multiplied by the same factor" in text
-
-
-def test_the_tie_of_an_ideal_motor_breaks_one_symmetry() -> None:
-    source = loading.load(ROOT / "configs" / "nominal_step.yaml").source
-    source.data["parameters"]["k_T"] = {"tie": "k_e"}
-    tied = job.assemble(loading.validate(source))
-    structure = study(tied.problem.posterior, tied.config.identify, tied.config.seed).structure
-    (symmetry,) = structure.symmetries
-    # k_T stays, so the factor of the mechanical scale is undone by the electrical one.
-    powers = dict(zip(structure.names, symmetry, strict=True))
-    assert powers["j_m"] == -powers["r_m"] != 0
 
 
 def test_the_best_known_product_is_the_frequency_of_the_rotor() -> None:

@@ -1,7 +1,5 @@
 """Logs whose signals have times of their own: WPILOG, MCAP, MDF4; and data sets of LeRobot."""
 
-from __future__ import annotations
-
 import json
 import struct
 import sys
@@ -107,15 +105,14 @@ def test_messages_of_mcap_that_are_no_json_are_named(tmp_path: Path) -> None:
 STATE = np.arange(12.0).reshape(6, 2)
 
 
-def lerobot(folder: Path, names: object, lists: object = None) -> Path:
+def lerobot(folder: Path, names: object) -> Path:
     """Write a data set of six rows with two joints; return the path of its file."""
     path = folder / "data" / "chunk-000" / "file-000.parquet"
     path.parent.mkdir(parents=True)
     (folder / "meta").mkdir()
     features = {"observation.state": {"shape": [2], "names": names}}
     (folder / "meta" / "info.json").write_text(json.dumps({"fps": 30, "features": features}))
-    kind = pyarrow.list_(pyarrow.float32(), 2 if lists is None else -1)
-    state = pyarrow.array(STATE.tolist() if lists is None else lists, kind)
+    state = pyarrow.array(STATE.tolist(), pyarrow.list_(pyarrow.float32(), 2))
     columns = {"timestamp": np.arange(6) / 30, "observation.state": state}
     parquet.write_table(pyarrow.table(columns), path)
     return path
@@ -137,10 +134,3 @@ def test_lists_of_a_data_set_are_columns_with_their_names(
     for key, values in zip(keys, STATE.T, strict=True):
         np.testing.assert_array_equal(table.pick(f"observation.state.{key}"), values)
     np.testing.assert_array_equal(table.pick(3), STATE[:, 1])
-
-
-@run_cases("lists", [[[1.0], [2.0, 3.0]] * 3, [None, [1.0]] * 3, [[]] * 6])
-def test_lists_of_unequal_length_are_no_columns(lists: object, tmp_path: Path) -> None:
-    table = read(lerobot(tmp_path, None, lists), "parquet")
-    with pytest.raises(InputError, match="has lists of different lengths"):
-        table.pick("observation.state")

@@ -9,46 +9,11 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.io.matlab
-from support.array_files import DATA, T, W, write_v5, write_v73
+from support.array_files import DATA, T, W
 from support.case_tables import run_cases
 
-from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.errors import InputError
-from bayesdrill.record.formats import FORMATS
 from bayesdrill.record.formats.matlab import MAX_DEPTH, read
-from bayesdrill.record.formats.table import RecordTable
-
-
-@pytest.fixture(scope="module", params=["v5", "v73"])
-def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> RecordTable:
-    path = tmp_path_factory.mktemp("mat") / "run.mat"
-    {"v5": write_v5, "v73": write_v73}[request.param](path)
-    return FORMATS["mat"].read(path, NoEntries(), None)
-
-
-def test_samples_are_numbered_from_one(table: RecordTable) -> None:
-    assert table.where(17) == "sample 18"
-    assert not any(name.startswith("#") for name in [*table.variables, *table.ignored])
-
-
-def test_only_wanted_variables_are_read(table: RecordTable) -> None:
-    few = read(table.path, {"theta_1", "rig.theta"})
-    assert not {"row", "data"} & set(few.variables)
-    for name in ("theta_1", "rig.theta"):
-        np.testing.assert_array_equal(few.pick(name), T)
-    with pytest.raises(InputError, match=r"did you mean theta_1\? \(the file has .*row") as caught:
-        read(table.path, {"theta_l"}).pick("theta_l")
-    assert "rig.motor.w" in str(caught.value)
-
-
-@pytest.mark.parametrize("share", [0.15, 0.5, 0.9])
-def test_files_that_are_cut_short_are_refused(
-    table: RecordTable, share: float, tmp_path: Path
-) -> None:
-    content = table.path.read_bytes()
-    (tmp_path / "cut.mat").write_bytes(content[: int(len(content) * share)])
-    with pytest.raises(InputError, match="damaged or cut short"):
-        read(tmp_path / "cut.mat")
 
 
 def test_signals_in_an_array_of_structs_are_read_with_their_names(tmp_path: Path) -> None:

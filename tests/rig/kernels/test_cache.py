@@ -2,8 +2,7 @@
 
 import os
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -43,18 +42,13 @@ def kept(tmp_path: Path) -> CodeCache:
     return made
 
 
-def folder_of(kept: CodeCache) -> Path:
-    assert kept.folder is not None
-    return kept.folder
-
-
 def file_of(kept: CodeCache) -> Path:
-    (path,) = folder_of(kept).iterdir()
+    (path,) = kept.folder.iterdir()
     return path
 
 
 def test_files_and_their_folder_belong_to_the_user_alone(kept: CodeCache) -> None:
-    assert folder_of(kept).stat().st_mode & 0o777 == 0o700
+    assert kept.folder.stat().st_mode & 0o777 == 0o700
     assert file_of(kept).stat().st_mode & 0o777 == 0o600
 
 
@@ -92,7 +86,7 @@ def test_code_under_the_name_of_another_key_is_not_taken(kept: CodeCache) -> Non
     """As of another processor, another LLVM or another source: these are part of the key."""
     first = file_of(kept)
     kept.store("another", b"other code")
-    (second,) = set(folder_of(kept).iterdir()) - {first}
+    (second,) = set(kept.folder.iterdir()) - {first}
     second.write_bytes(first.read_bytes())
     assert kept.load("another") is None
     assert kept.load(KEY) == CODE
@@ -100,12 +94,12 @@ def test_code_under_the_name_of_another_key_is_not_taken(kept: CodeCache) -> Non
 
 def test_a_folder_that_others_may_use_is_refused(kept: CodeCache) -> None:
     for mode in (0o755, 0o750, 0o770, 0o777, 0o701):
-        folder_of(kept).chmod(mode)
+        kept.folder.chmod(mode)
         assert kept.load(KEY) is None
         kept.store("another", CODE)
         with pytest.raises(PermissionError, match="others may look into it"):
             assert kept.sizes
-    folder_of(kept).chmod(0o700)
+    kept.folder.chmod(0o700)
     assert kept.load(KEY) == CODE
     assert len(kept.sizes) == 1
 
@@ -115,13 +109,13 @@ def test_what_belongs_to_another_is_refused(kept: CodeCache, tmp_path: Path) -> 
     os.chown(file_of(kept), 12345, -1)
     assert kept.load(KEY) is None
     os.chown(file_of(kept), 0, -1)
-    os.chown(folder_of(kept), 12345, -1)
+    os.chown(kept.folder, 12345, -1)
     link = tmp_path / "link"
-    link.symlink_to(folder_of(kept))
+    link.symlink_to(kept.folder)
     for one in (kept, CodeCache(link)):
         assert one.load(KEY) is None
         one.store("another", CODE)
-    assert len(list(folder_of(kept).iterdir())) == 1
+    assert len(list(kept.folder.iterdir())) == 1
 
 
 def test_only_a_plain_file_of_the_user_alone_is_read(kept: CodeCache, tmp_path: Path) -> None:
@@ -159,11 +153,11 @@ def test_the_oldest_go_where_there_are_too_many(tmp_path: Path) -> None:
     few = CodeCache(tmp_path / "kernels", max_files=3)
     for second, key in enumerate("abcd", start=1000):
         few.store(key, CODE)
-        for path in set(folder_of(few).iterdir()):
+        for path in set(few.folder.iterdir()):
             if path.stat().st_mtime > 1e6:
                 os.utime(path, (second, second))
     assert [few.load(key) is not None for key in "abcd"] == [False, True, True, True]
-    for path in folder_of(few).iterdir():
+    for path in few.folder.iterdir():
         os.utime(path, (1000, 1000))
     assert few.load("b") == CODE
     few.store("e", CODE)
@@ -177,13 +171,13 @@ def test_the_oldest_go_where_there_are_too_many(tmp_path: Path) -> None:
 
 def test_files_of_others_stay_where_the_cache_is_cleared(kept: CodeCache) -> None:
     kernel = file_of(kept).name
-    notes = folder_of(kept) / "notes.txt"
+    notes = kept.folder / "notes.txt"
     notes.write_text("mine")
-    half = folder_of(kept) / f"{kernel}.0123456789abcdef.tmp"
+    half = kept.folder / f"{kernel}.0123456789abcdef.tmp"
     half.write_bytes(b"of a process that was killed")
     assert len(kept.sizes) == 2
     kept.clear()
-    assert [path.name for path in folder_of(kept).iterdir()] == ["notes.txt"]
+    assert [path.name for path in kept.folder.iterdir()] == ["notes.txt"]
 
 
 def test_many_that_write_and_read_at_once_never_see_a_part(tmp_path: Path) -> None:
@@ -210,36 +204,21 @@ def test_many_that_write_and_read_at_once_never_see_a_part(tmp_path: Path) -> No
 # Of kernels.
 
 
-@contextmanager
-def environment(**own: str) -> Iterator[None]:
-    before = dict(os.environ)
-    os.environ.update(own)
-    try:
-        yield
-    finally:
-        os.environ.clear()
-        os.environ.update(before)
-
-
-def squares(folder: Path) -> np.ndarray:
-    """Of a step, by a kernel of the cache in this folder."""
+def test_the_cache_is_shown_and_cleared_by_a_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     compile_kernel.cache_clear()
-    with environment(**{CACHE_VARIABLE: str(folder)}):
-        return Response(MotorShaft(), response("step").experiment).squares(THETA)
-
-
-def test_the_cache_is_shown_and_cleared_by_a_command(tmp_path: Path) -> None:
-    squares(tmp_path)
-    with environment(**{CACHE_VARIABLE: str(tmp_path)}):
-        assert f"{tmp_path / 'kernels'}: 1 compiled kernel, 0.0 MB" in command_line.cli("cache").out
-        assert "0 compiled kernels" in command_line.cli("cache", "--clear").out
-        (tmp_path / "kernels").chmod(0o755)
-        refused = command_line.cli("cache")
-        assert refused.status == 2
-        assert "chmod 700" in refused.err
-        assert CACHE_VARIABLE in refused.err
-    with environment(**{CACHE_VARIABLE: "off"}):
-        assert "BAYESDRILL_CACHE=off" in command_line.cli("cache").out
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    Response(MotorShaft(), response("step").experiment).squares(THETA)
+    assert f"{tmp_path / 'kernels'}: 1 compiled kernel, 0.0 MB" in command_line.cli("cache").out
+    assert "0 compiled kernels" in command_line.cli("cache", "--clear").out
+    (tmp_path / "kernels").chmod(0o755)
+    refused = command_line.cli("cache")
+    assert refused.status == 2
+    assert "chmod 700" in refused.err
+    assert CACHE_VARIABLE in refused.err
+    monkeypatch.setenv(CACHE_VARIABLE, "off")
+    assert "BAYESDRILL_CACHE=off" in command_line.cli("cache").out
 
 
 def test_what_the_code_depends_on_is_in_the_key() -> None:

@@ -1,7 +1,5 @@
 """Friction that differs by direction: against an integration from event to event, and its own laws."""
 
-from __future__ import annotations
-
 import numpy as np
 from support.case_tables import run_cases
 from support.servo_oracle import Servo

@@ -44,16 +44,12 @@ def exact(p: dict[str, float], count: int) -> np.ndarray:
     return b * np.sqrt(p["k_s"] / p["j_s"]) / (2 * np.pi)
 
 
-def free(p: dict[str, float]) -> dict[str, float]:
-    """Without the motor's brake."""
-    return p | {"c_m": 0.0, "k_T": 1e-30, "k_e": 1e-30}
-
-
 def test_the_error_of_frequencies_falls_as_the_square_of_the_number_of_elements() -> None:
     """Of a shaft that is as heavy as its ends.  Mutants killed: a share of the ends at the wrong node, a
     spring of a piece as soft as the whole shaft.
     """
-    heavy = free(PAPER | {"j_s": 0.02, "j_1": 0.015})
+    without_brake = {"c_m": 0.0, "k_T": 1e-30, "k_e": 1e-30}
+    heavy = PAPER | without_brake | {"j_s": 0.02, "j_1": 0.015}
     true = exact(heavy, 3)
     off = {n: np.abs(frequencies(LongShaft(elements=n), heavy)[:2] / true[:2] - 1) for n in (2, 4)}
     assert (off[4] < 0.05).all()

@@ -1,18 +1,24 @@
-"""A rig that is composed: each added physics against the balances of motor, gear, shaft and rotor."""
+"""Composed rigs, motors and driven shafts against balances of their bodies, closed forms and SciPy."""
 
+import itertools
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, skewed
-from support.small_problems import STATES
+from support.small_problems import STATES, experiment
 
 import bayesdrill as bd
+from bayesdrill.record import anomalies
+from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models import linear
-from bayesdrill.rig.models.linear import dynamics
-from bayesdrill.rig.models.motor_shaft import OFFERS, MotorShaft
+from bayesdrill.rig.models.linear import dynamics, with_named
+from bayesdrill.rig.models.motor_shaft import OFFERS, DrivenShaft, Motor, MotorShaft
+from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel, observed_model
 
 I_M = 0.2
@@ -125,45 +131,11 @@ def test_frictions_pass_through_the_sensors_of_inputs() -> None:
     assert through.c["i"] == pytest.approx(0.3 / p["l_m"])
 
 
-# Responses: quadratic drag, and one more inertia on a spring.
-
-DT, N = 0.01, 200
-T = DT * np.arange(N)
-V = 6.0 * np.sign(np.sin(3.0 * T))
-
-
-def test_quadratic_drag_is_that_of_an_integration_by_other_code() -> None:
-    """Mutants killed: a drag that drives, one that is linear, the speed behind the gear at the motor."""
-    i_m, p = 1 / 8, {**NOMINAL, "t_f": 0.0, "d_1": 0.02, "d_m": 2e-6}
-    moved = bd.respond("motor_shaft", p, T, {"v": V}, ["w_1", "w_2"])
-
-    def rates(_: float, x: np.ndarray, v: float) -> list[float]:
-        theta_1, theta_2, w_1, w_2, i = x
-        drag_1, drag_m = p["d_1"] * abs(w_1) * w_1, p["d_m"] * abs(w_2 / i_m) * w_2 / i_m
-        twist = theta_1 - theta_2
-        return [
-            w_1,
-            w_2,
-            (-p["k_s"] * twist - drag_1) / p["j_1"],
-            (i_m**2 * p["k_s"] * twist - p["c_m"] * w_2 + i_m * (p["k_T"] * i - drag_m)) / p["j_m"],
-            (v - p["r_m"] * i - p["k_e"] * w_2 / i_m) / p["l_m"],
-        ]
-
-    x, found = np.zeros(5), []
-    for v in V:
-        found.append(x[2:4])
-        step = solve_ivp(rates, (0.0, DT), x, args=(v,), rtol=1e-9, atol=1e-9, method="LSODA")
-        x = step.y[:, -1]
-    w_1, w_2 = np.array(found).T
-    plain = bd.respond("motor_shaft", {**NOMINAL, "t_f": 0.0}, T, {"v": V}, ["w_1"])["w_1"]
-    assert np.abs(moved["w_1"] - plain).max() > 0.5
-    np.testing.assert_allclose(moved["w_1"], w_1, atol=2e-5 * np.ptp(w_1))
-    np.testing.assert_allclose(moved["w_2"], w_2, atol=2e-5 * np.ptp(w_2))
-
-
 def test_a_rotor_beyond_rotor_1_is_that_of_a_train() -> None:
+    t = 0.01 * np.arange(200)
+    v = 6.0 * np.sign(np.sin(3.0 * t))
     beyond = {"j_0": 0.005, "k_0": 0.3, "c_0": 1e-3}
-    moved = bd.respond("motor_shaft", NOMINAL | beyond, T, {"v": V}, ["w_1", "w_2", "w_0"])
+    moved = bd.respond("motor_shaft", NOMINAL | beyond, t, {"v": v}, ["w_1", "w_2", "w_0"])
     train = bd.Train(
         inertias=("m", "r", "e"),
         shafts={"s": ["m", "r"], "x": ["r", "e"]},
@@ -181,7 +153,7 @@ def test_a_rotor_beyond_rotor_1_is_that_of_a_train() -> None:
         "l_m": p["l_m"],
     }
     far = {"j_r": p["j_1"], "k_s": p["k_s"], "j_e": 0.005, "k_x": 0.3, "c_x": 1e-3}
-    same = bd.respond(train, behind | far, T, {"u_m": V}, ["w_r", "w_m", "w_e"])
+    same = bd.respond(train, behind | far, t, {"u_m": v}, ["w_r", "w_m", "w_e"])
     for ours, theirs in zip(("w_1", "w_2", "w_0"), same, strict=True):
         np.testing.assert_allclose(moved[ours], same[theirs], atol=1e-7)
 
@@ -190,3 +162,199 @@ def test_a_drag_is_referred_through_the_gear() -> None:
     """At the motor it is that at the load times the cube of the reduction."""
     rig = MotorShaft(i_m=0.1, added=("d_m",))
     assert linear.gear_factor(rig, rig.symbols["d_m"], "load") == pytest.approx(1e-3)
+
+
+# A motor alone: closed forms and matrix exponentials.
+
+MOTOR = {"j_m": 1.4e-4, "c_m": 9.3e-5, "t_f": 0.037}
+CIRCUIT = {"k_e": 0.061, "k_T": 0.057, "r_m": 0.41, "l_m": 9e-4}
+TIMES = 0.02 * np.arange(250)
+TORQUE = np.where(TIMES < 2.0, 0.05, 0.065)
+
+
+def motor(i_m: float = 1.0, **values: float) -> tuple[Motor, np.ndarray]:
+    rig = with_named(Motor(i_m), values)
+    return rig, np.array([[values[name] for name in rig.parameters]])
+
+
+def driven(rig: Motor, **inputs: float | np.ndarray) -> Experiment:
+    constant = {name: u for name, u in inputs.items() if np.ndim(u) == 0}
+    series = {name: u for name, u in inputs.items() if np.ndim(u)}
+    measures = {name: {name: 1.0} for name in rig.states}
+    start = {"theta_2": 0.7, "w_2": 12.0}
+    return experiment(250, 0.02, constant=constant, series=series, start=start, measures=measures)
+
+
+def test_a_torque_brings_the_motor_to_speed_as_an_exponential() -> None:
+    """Speeds and angles in closed form, before and after a step of the torque, behind a gear of 4:1.
+
+    Mutants killed: the torque not seen through the gear, friction that helps.
+    """
+    i_m = 0.25
+    rig, theta = motor(i_m, **MOTOR)
+    found = simulator(rig, driven(rig, t_m=TORQUE), ObservationModel()).signals(theta)[0]
+    decay, before = MOTOR["c_m"] / MOTOR["j_m"], TIMES < 2.0
+
+    def course(t: np.ndarray, torque: float, begin: tuple[float, float]) -> np.ndarray:
+        end = i_m * (torque - MOTOR["t_f"]) / MOTOR["c_m"]
+        left = (begin[1] - end) * np.exp(-decay * t)
+        angle = begin[0] + end * t + (begin[1] - end) * (1 - np.exp(-decay * t)) / decay
+        return np.column_stack([angle, end + left])
+
+    first = course(TIMES[before], 0.05, (0.7, 12.0))
+    at_step = course(np.array([2.0]), 0.05, (0.7, 12.0))[0]
+    then = course(TIMES[~before] - 2.0, 0.065, (at_step[0], at_step[1]))
+    assert found == pytest.approx(np.vstack([first, then]), rel=1e-10)
+
+
+def test_a_voltage_drives_the_motor_through_its_circuit() -> None:
+    """Mutants killed: the gear twice in the current, the resistance in series left out."""
+    i_m, r_s, j_2 = 0.2, 0.13, 3e-3
+    rig, theta = motor(i_m, **MOTOR, **CIRCUIT, r_s=r_s, j_2=j_2)
+    assert rig.inputs == ("v",)
+    j = MOTOR["j_m"] + i_m**2 * j_2
+    k_e, k_T, r_m, l_m = CIRCUIT.values()
+    a = np.zeros((4, 4))
+    a[0, 1] = 1.0
+    a[1, 1:] = -MOTOR["c_m"] / j, i_m * k_T / j, -i_m * MOTOR["t_f"] / j
+    a[2, 1:] = -k_e / i_m / l_m, -(r_m + r_s) / l_m, 9.0 / l_m
+    start = np.array([0.7, 12.0, 0.0, 1.0])
+    exact = np.array([(expm(a * t) @ start)[:3] for t in TIMES])
+    found = simulator(rig, driven(rig, v=9.0), ObservationModel()).signals(theta)[0]
+    assert found == pytest.approx(exact, rel=1e-9, abs=1e-9)
+
+
+def test_the_motor_is_the_papers_rig_without_shaft_and_rotor() -> None:
+    """And with both it is that rig.  Mutants killed: a shaft at the wrong side of the gear; a rotor
+    without the twist.
+    """
+    alone, whole = with_named(Motor(1 / 8), {*NOMINAL} - {"k_s", "j_1"}), MotorShaft()
+    full = with_named(Motor(1 / 8), NOMINAL)
+    for rig, states, k_s in ((alone, alone.states, 1e-300), (full, whole.states, NOMINAL["k_s"])):
+        own, at = ([x.states.index(name) for name in states] for x in (rig, whole))
+        linear, paper = rig.linear(NOMINAL), whole.linear(NOMINAL | {"k_s": k_s})
+        expected = dynamics(paper, whole.states, 1)[0][np.ix_(at, at)]
+        assert dynamics(linear, rig.states, 1)[0][np.ix_(own, own)] == pytest.approx(
+            expected, rel=1e-12
+        )
+        assert linear.c == paper.c
+    assert dict(alone.linear(NOMINAL).B) == {("i", "v"): whole.linear(NOMINAL).B["i", "v"]}
+
+
+# A shaft that is moved from above: SciPy's solver.
+
+SHAFT = {"k_s": 4.3, "j_1": 8.1e-3, "c_s": 0.021, "c_1": 0.034}
+ROCK = {"b_0": 2.1e-3, "b_1": 1.7, "b_2": 5.5, "b_3": 3.9}
+DT, N = 0.004, 300
+T = 2.0 + DT * np.arange(N)
+SPEED = 9.0 + 4.0 * np.sin(17.0 * T) + np.cos(5.0 * T) ** 3
+LOAD = 1.8 + 0.9 * np.sin(18.3 * T + 0.4) + 0.2 * np.sin(61.0 * T)
+WEIGHT = 560.0 + 80.0 * np.sin(18.0 * T + 1.1)
+START = {"theta_1": -0.31, "theta_2": 0.12, "w_1": 7.5}
+EACH = {name: {name: 1.0} for name in ("theta_1", "theta_2", "w_1")} | {
+    "twist": {"theta_1": 1.0, "theta_2": -1.0}
+}
+
+type Course = Callable[[float, float], tuple[float, ...]]
+
+
+def recorded(*, first_order: bool = False, **series: np.ndarray) -> Experiment:
+    return experiment(
+        N, DT, first=2.0, t_start=2.0, constant={}, series=series, first_order=first_order,
+        start=START, measures=EACH,
+    )  # fmt: skip
+
+
+def shaft(**more: float) -> tuple[DrivenShaft, np.ndarray]:
+    values = SHAFT | more
+    rig = with_named(DrivenShaft(), values)
+    return rig, np.array([[values[name] for name in rig.parameters]])
+
+
+def solved(inputs: Course, torque: Callable[[float, float], float] | None = None) -> np.ndarray:
+    """States `(N, 3)`; `inputs(s, middle)`: speed and load, smooth within an interval of samples."""
+
+    def rate(s: float, x: np.ndarray, middle: float) -> list[float]:
+        speed, load, *weight = inputs(s, middle)
+        theta_1, theta_2, w_1 = x
+        pull = (
+            SHAFT["k_s"] * (theta_2 - theta_1) + SHAFT["c_s"] * (speed - w_1) - SHAFT["c_1"] * w_1
+        )
+        rock = torque(w_1, weight[0]) if torque else 0.0
+        return [w_1, speed, (pull - load - rock) / SHAFT["j_1"]]
+
+    out = [np.array([START[name] for name in ("theta_1", "theta_2", "w_1")])]
+    for begin, end in itertools.pairwise(T):
+        middle = (0.5 * (begin + end),)
+        there = solve_ivp(rate, (begin, end), out[-1], rtol=1e-10, atol=1e-12, args=middle)
+        out.append(there.y[:, -1])
+    return np.array(out)
+
+
+def held(u: np.ndarray, middle: float) -> float:
+    return float(u[np.searchsorted(T, middle) - 1])
+
+
+def both(found: np.ndarray) -> np.ndarray:
+    """With the twist."""
+    return np.column_stack([found, found[:, 0] - found[:, 1]])
+
+
+def test_measured_speed_and_torque_move_the_shaft_as_the_equations_say() -> None:
+    """Mutants killed: the damping of the shaft against rotor 1 alone, its damping taken for c_1."""
+    rig, theta = shaft()
+    straight = solved(lambda s, _: (np.interp(s, T, SPEED), np.interp(s, T, LOAD)))
+    one = recorded(first_order=True, w_2=SPEED, t_1=LOAD)
+    found = simulator(rig, one, ObservationModel()).signals(theta)[0]
+    assert found == pytest.approx(both(straight), abs=2e-8)
+    stays = solved(lambda _, middle: (held(SPEED, middle), held(LOAD, middle)))
+    one = recorded(w_2=SPEED, t_1=LOAD)
+    found = simulator(rig, one, ObservationModel()).signals(theta)[0]
+    assert found == pytest.approx(both(stays), abs=2e-8)
+    assert np.abs(stays - straight).max() > 0.05
+
+
+def test_an_angle_straight_between_samples_is_a_speed_that_is_held() -> None:
+    """The top at an angle that SciPy interpolates, rotor 1 by Newton's law alone."""
+    angle = START["theta_2"] + np.concatenate([[0.0], np.cumsum(np.diff(T) * SPEED[:-1] ** 1.1)])
+    steps = np.diff(angle) / DT
+
+    def rate(s: float, x: np.ndarray, middle: float) -> list[float]:
+        speed = steps[np.searchsorted(T, middle) - 1]
+        pull = SHAFT["k_s"] * (np.interp(s, T, angle) - x[0]) + SHAFT["c_s"] * (speed - x[1])
+        return [x[1], (pull - SHAFT["c_1"] * x[1] - np.interp(middle, T, LOAD)) / SHAFT["j_1"]]
+
+    out = [np.array([START["theta_1"], START["w_1"]])]
+    for begin, end in itertools.pairwise(T):
+        middle = (0.5 * (begin + end),)
+        there = solve_ivp(rate, (begin, end), out[-1], rtol=1e-10, atol=1e-12, args=middle)
+        out.append(there.y[:, -1])
+    rig, theta = shaft()
+    load = np.interp(T + 0.5 * DT, T, LOAD)
+    one = recorded(w_2=anomalies.held_speeds(angle, T), t_1=load)
+    found = simulator(rig, one, ObservationModel()).signals(theta)[0]
+    assert found[:, [0, 2]] == pytest.approx(np.array(out), abs=2e-8)
+    assert found[:, 1] == pytest.approx(angle, rel=1e-12)
+
+
+def test_rock_holds_the_bit_as_its_law_and_the_weight_say() -> None:
+    """Mutants killed: the weight left out, the law of the size without the sign of the speed."""
+
+    def torque(w_1: float, weight: float) -> float:
+        b_0, b_1, b_2, b_3 = ROCK.values()
+        return weight * b_0 * (np.tanh(b_1 * w_1) + b_2 * w_1 / (1 + b_3 * w_1**2))
+
+    every = (3.0 * (SPEED - 9.0), 0.1 * LOAD, 0.3 * WEIGHT)
+    exact = solved(lambda s, _: tuple(np.interp(s, T, u) for u in every), torque)
+    assert exact[:, 2].min() < -1.0 < 1.0 < exact[:, 2].max()
+    rig, theta = shaft(**ROCK)
+    assert rig.inputs == ("w_2", "t_1", "wob")
+    one = recorded(first_order=True, **dict(zip(rig.inputs, every, strict=True)))
+    apart = [
+        np.abs(
+            simulator(rig, one, ObservationModel(), pieces).signals(theta)[0] - both(exact)
+        ).max()
+        for pieces in (2, 4, 8)
+    ]
+    assert apart[2] < 5e-3
+    assert apart[0] > 3 * apart[1] > 9 * apart[2]

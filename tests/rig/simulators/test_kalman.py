@@ -1,7 +1,6 @@
 """A missing torque against covariances of all samples, which `missing_torque_oracle` types in anew."""
 
 import dataclasses
-import pickle
 from typing import Any
 
 import numpy as np
@@ -259,11 +258,3 @@ def test_times_of_too_many_steps_are_refused() -> None:
     t = np.cumsum(np.random.default_rng(0).uniform(0.01, 0.02, 200))
     with pytest.raises(ValueError, match="199 different lengths"):
         step_lengths(dataclasses.replace(one, t=t))
-
-
-def test_a_pickled_filter_gives_the_same_density() -> None:
-    one = experiment(20, measures=MEASURES)
-    found, _, _ = made("motor", "1/2", one)
-    left = drawn(one)
-    before = density(found, left)
-    assert density(pickle.loads(pickle.dumps(found)), left) == before

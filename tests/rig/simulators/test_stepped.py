@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.case_tables import for_each, run_cases
+from support.case_tables import run_cases
 from support.friction_cases import CASES, moved
 from support.friction_oracle import RUBS, simulate
 from support.stepped_friction import experiment_of, model_of, parameters, states, stepped
@@ -17,11 +17,7 @@ from bayesdrill.rig.simulators.stepped import Stepped
 
 W_1, W_2 = 2, 3
 QUICK = ("stick slip", "falling", "sine", "other")
-LONG = tuple(name for name in CASES if name not in QUICK)
-GROUPS = [
-    pytest.param(QUICK, id="quick"),
-    pytest.param(LONG, id="long", marks=pytest.mark.slow),
-]
+EVERY = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in CASES]
 
 
 def off(name: str, pieces: int) -> np.ndarray:
@@ -47,60 +43,49 @@ def test_friction_that_falls_with_the_speed_is_of_second_order() -> None:
         assert off("falling", pieces)[W_1] < limit
 
 
-@pytest.mark.parametrize("names", GROUPS)
-def test_shorter_steps_converge_to_the_oracle(names: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("name", EVERY)
+def test_shorter_steps_converge_to_the_oracle(name: str) -> None:
     """128 times shorter: by more than first order, whatever happens in a step."""
-
-    def check(name: str) -> None:
-        largest = np.abs(moved(name).states).max(axis=0)
-        coarse, fine = off(name, 1) / largest, off(name, 128) / largest
-        assert coarse.max() < 5e-2
-        assert fine.max() < 2e-5
-        assert fine.max() < coarse.max() / 128**1.5
-
-    for_each({name: (name,) for name in names}, check)
+    largest = np.abs(moved(name).states).max(axis=0)
+    coarse, fine = off(name, 1) / largest, off(name, 128) / largest
+    assert coarse.max() < 5e-2
+    assert fine.max() < 2e-5
+    assert fine.max() < coarse.max() / 128**1.5
 
 
-@pytest.mark.parametrize("names", GROUPS)
-def test_efforts_are_the_means_of_the_oracle_over_a_step(names: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("name", EVERY)
+def test_efforts_are_the_means_of_the_oracle_over_a_step(name: str) -> None:
     """Its mean over a step: the same where nothing happens in it."""
-
-    def check(name: str) -> None:
-        true, case = moved(name), CASES[name]
-        motion = stepped(case, 16, record=experiment_of(case)).motion(parameters(case))
-        found = motion.efforts[0]
-        which = [RUBS.index(friction.name) for friction in model_of(case).frictions]
-        assert which == [k for k in range(3) if case.rig.rubs[k]]
-        step = case.t[1] - case.t[0]
-        mean = np.diff(true.impulses[:, which], axis=0) / step
-        size = np.abs(true.efforts[:, which]).max(axis=0)
-        near = np.abs(found[:-1] - mean) / size
-        assert np.quantile(near, 0.9, axis=0).max() < 0.03
-        assert np.abs(found).max(axis=0) == pytest.approx(size, rel=0.05)
-        # Strides from sample to sample are exact, where steps are nearly so.
-        assert motion.states[0] == pytest.approx(states(case, 16), abs=3e-7)
-
-    for_each({name: (name,) for name in names}, check)
+    true, case = moved(name), CASES[name]
+    motion = stepped(case, 16, record=experiment_of(case)).motion(parameters(case))
+    found = motion.efforts[0]
+    which = [RUBS.index(friction.name) for friction in model_of(case).frictions]
+    assert which == [k for k in range(3) if case.rig.rubs[k]]
+    step = case.t[1] - case.t[0]
+    mean = np.diff(true.impulses[:, which], axis=0) / step
+    size = np.abs(true.efforts[:, which]).max(axis=0)
+    near = np.abs(found[:-1] - mean) / size
+    assert np.quantile(near, 0.9, axis=0).max() < 0.03
+    assert np.abs(found).max(axis=0) == pytest.approx(size, rel=0.05)
+    # Strides from sample to sample are exact, where steps are nearly so.
+    assert motion.states[0] == pytest.approx(states(case, 16), abs=3e-7)
 
 
-@pytest.mark.parametrize("names", GROUPS)
-def test_a_sticking_inertia_does_not_move_at_all(names: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("pieces", [1, 4])
+@pytest.mark.parametrize("name", EVERY)
+def test_a_sticking_inertia_does_not_move_at_all(name: str, pieces: int) -> None:
     """Mutants killed: a speed that is stopped to rounding only, an angle that creeps."""
-
-    def check(name: str, pieces: int) -> None:
-        true, found = moved(name), states(CASES[name], pieces)
-        for k, (angle, speed) in ((0, (1, W_2)), (1, (0, W_1))):
-            held = true.stuck[:, k]
-            # So long that steps cannot be in doubt of it.
-            inside = np.flatnonzero(held[:-2] & held[1:-1] & held[2:]) + 1
-            still = inside[found[inside, speed] == 0.0]
-            assert len(still) >= 0.9 * len(inside)
-            both = still[np.isin(still + 1, still)]
-            assert (found[both + 1, angle] == found[both, angle]).all()
-        drop = true.stuck[:-1, 2] & true.stuck[1:, 2]
-        assert (found[1:, 4][drop] == 0.0).mean() > 0.9 if drop.any() else True
-
-    for_each({f"{name}, {n} pieces": (name, n) for name in names for n in (1, 4)}, check)
+    true, found = moved(name), states(CASES[name], pieces)
+    for k, (angle, speed) in ((0, (1, W_2)), (1, (0, W_1))):
+        held = true.stuck[:, k]
+        # So long that steps cannot be in doubt of it.
+        inside = np.flatnonzero(held[:-2] & held[1:-1] & held[2:]) + 1
+        still = inside[found[inside, speed] == 0.0]
+        assert len(still) >= 0.9 * len(inside)
+        both = still[np.isin(still + 1, still)]
+        assert (found[both + 1, angle] == found[both, angle]).all()
+    drop = true.stuck[:-1, 2] & true.stuck[1:, 2]
+    assert (found[1:, 4][drop] == 0.0).mean() > 0.9 if drop.any() else True
 
 
 def test_the_rig_moves_from_a_start_before_the_first_sample() -> None:

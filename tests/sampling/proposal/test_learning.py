@@ -182,7 +182,7 @@ def test_the_middle_of_a_single_draw_is_that_draw() -> None:
     single = SimpleNamespace(
         weighted_draws=(u, np.ones(1)), proposal=proposal.proposal, origin=proposal.origin
     )
-    ((origin, middle, (drawn, weights)),) = _central_draws(single)  # type: ignore[arg-type]
+    ((origin, middle, (drawn, weights)),) = _central_draws(single)
     assert origin == 0
     assert middle.tolist() == u[0].tolist() == drawn[0].tolist()
     assert weights == pytest.approx([1.0])

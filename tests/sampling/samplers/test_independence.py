@@ -19,7 +19,7 @@ from bayesdrill.sampling.samplers.independence import (
 )
 from bayesdrill.sampling.samplers.ridge import fit_ridge, local_basis
 
-CUT, TWO_MODES = TARGETS["cut"], TARGETS["two_modes"]
+CUT = TARGETS["cut"]
 INDEPENDENT = {"independence": 1.0}
 
 
