@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Collection, Mapping
 from concurrent.futures import Future
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
@@ -22,6 +23,7 @@ from bayesdrill.report import render, run_report
 from bayesdrill.report.run_report import PARTS, sections
 from bayesdrill.report.scales import DPI
 from bayesdrill.report.section import Picture, as_markdown
+from bayesdrill.report.sections.corner import corner_names
 from bayesdrill.report.view import Drawing, Recipe, ReportContext
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.workers import WorkerPool
@@ -58,14 +60,20 @@ TABLES = MappingProxyType({name: text for part in PARTS for name, text in part.f
 _SEVERAL = tuple(f"{stem}_{k}" for stem in PER_EXPERIMENT for k in range(1, MAX_NAMED + 1))
 
 
-def write_results(
-    view: ReportContext, folder: Folder, pool: WorkerPool, report: Reporter, *, pdf: bool = False
-) -> tuple[str, ...]:
-    """Write all files of a run, and return what could not be made, and why.
+@dataclass(frozen=True, slots=True)
+class PendingFigures:
+    """Workers of `pool` draw figures: `tasks` by name; `formats` has those of all wanted figures."""
 
-    `pdf`: every figure as PDF too.  Raises `OSError` when the disk is full; files already there stay
-    whole.
-    """
+    pool: WorkerPool
+    formats: Mapping[str, tuple[str, ...]]
+    tasks: dict[str, list[tuple[str, str, Future[None]]]]
+    errors: ErrorCollector
+
+
+def begin_figures(
+    view: ReportContext, folder: Folder, pool: WorkerPool, report: Reporter, *, pdf: bool = False
+) -> PendingFigures:
+    """Begin to draw the figures that show draws alone; `pdf`: every figure as PDF too."""
     output, sparing = view.config.output, ErrorCollector()  # of this writing
     figures = folder.path / FOLDER
     figures.mkdir(exist_ok=True)
@@ -77,13 +85,27 @@ def write_results(
         - {*chain.from_iterable(written)}
         | {*output_files.OUTDATED}
     )
-    of_draws = {name: formats[name] for name in wanted if name in output_files.FROM_DRAWS}
-    others = {name: formats[name] for name in wanted if name not in of_draws}
-    tasks = _begin_figures(of_draws, view, figures, pool, report, sparing)
+    derived = not {*(corner_names(view) or ())} <= {*view.problem.names}
+    of_draws = {*output_files.FROM_DRAWS} - ({"corner"} if derived else set())
+    first = {name: formats[name] for name in wanted if name in of_draws}
+    tasks = _begin_figures(first, view, figures, pool, report, sparing)
+    return PendingFigures(pool, formats, tasks, sparing)
+
+
+def write_results(
+    view: ReportContext, folder: Folder, begun: PendingFigures, report: Reporter
+) -> tuple[str, ...]:
+    """Write all files of a run, and return what could not be made, and why.
+
+    Raises `OSError` when the disk is full; files already there stay whole.
+    """
+    formats, tasks, sparing = begun.formats, begun.tasks, begun.errors
+    figures, wanted = folder.path / FOLDER, [*formats]
     report.update(0.0, "looking at what the draws say")
     _ = view.analysis  # evaluate the analysis while other processes draw
     report.update(0.0, "making tables and figures")
-    tasks |= _begin_figures(others, view, figures, pool, report, sparing)
+    others = {name: formats[name] for name in wanted if name not in tasks}
+    tasks |= _begin_figures(others, view, figures, begun.pool, report, sparing)
     report.update(0.5, "tables")
     for name, table in TABLES.items():
         with sparing.making(name):

@@ -221,7 +221,7 @@ def save(
         if engine is not None:  # once, instead of in a draw before that of each format
             figure.set_dpi(dpi)
             engine.execute(figure)
-            figure.set_layout_engine("none")
+            figure.set_layout_engine(None)  # none at all, for which savefig draws only once
         for kind in formats:
             image = io.BytesIO()
             figure.savefig(image, format=kind, dpi=dpi, metadata=_entries(kind, metadata))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -53,12 +54,12 @@ def concluded(
     seconds: Mapping[str, float] | None = None,
     *,
     alone: bool = True,
-    explained: Causes | None = None,
+    explained: Future[Causes | None] | None = None,
 ) -> ReportContext:
     """Return the context of a run's report, which evaluates each conclusion at first use.
 
     `scenery` is that of the job's likelihood, if it exists already.  With `alone`, no other model
-    of the record is tried.  `explained` are the causes of a bad fit, if they are known already.
+    of the record is tried.  `explained` has the causes of a bad fit, if they are sought already.
     """
     job = run.job
     chain = RunDraws(job.problem, run.mode, run.sampled, job.config.seed)
@@ -69,7 +70,7 @@ def concluded(
 def _analysis(
     run: SampledRun,
     scenery: SensitivityStudy | None,
-    explained: Causes | None,
+    explained: Future[Causes | None] | None,
     chain: RunDraws,
     *,
     alone: bool,
@@ -77,9 +78,12 @@ def _analysis(
     if run.kept is not None:
         return run.kept
     scenery = scenery or SensitivityStudy(run.job.problem.posterior.likelihood)
-    if alone and explained is None:
-        explained = causes(run.job, run.mode, chain.fit)
-    return analyse(chain, run.job.config.identify, scenery, alone=alone, explained=explained)
+    found: Causes | None = None
+    if explained is not None:
+        found = explained.result()
+    elif alone:
+        found = causes(run.job, run.mode, chain.fit)
+    return analyse(chain, run.job.config.identify, scenery, alone=alone, explained=found)
 
 
 def causes(
