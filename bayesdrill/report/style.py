@@ -104,6 +104,16 @@ def styled(width: float = DOUBLE) -> Iterator[None]:
         yield
 
 
+def new_figure(width: float, height: float, **options: Any) -> Figure:
+    """Return an empty figure whose canvas keeps one renderer, which remembers the sizes of texts."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), **options)
+    FigureCanvasAgg(figure)
+    return figure
+
+
 def letters(size: str) -> float:
     """Return a font size in points, in the figure that is being built."""
     import matplotlib
