@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.analysis import causes, diagnostics, latent_torque, plausibility
-from bayesdrill.analysis.causes import Causes, EquivalentExplanation
+from bayesdrill.analysis.causes import Causes, EquivalentExplanation, MapEach
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
 from bayesdrill.analysis.diagnostics import DETERMINED_SHRINKAGE, ParameterRow
 from bayesdrill.analysis.friction_motion import FrictionMotion, friction_motions
@@ -221,10 +221,12 @@ def analyse(
     *,
     alone: bool = True,
     explained: Causes | None = None,
+    map_each: MapEach = map,
 ) -> RunAnalysis:
     """Evaluate the `RunAnalysis` of a finished run, without sampling.
 
-    If the run is `alone`, not one of several candidates, the nominal table is tried with other rigs.
+    If the run is `alone`, not one of several candidates, the nominal table is tried with other rigs,
+    which `map_each` may fit in other processes.
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior
@@ -245,7 +247,7 @@ def analyse(
         judged=judged,
         repeats=repeats(sensitivity, best, products),
         causes=explained,
-        instead=causes.equivalent_explanation(problem, best) if blamed else None,
+        instead=causes.equivalent_explanation(problem, best, map_each) if blamed else None,
         derived=derived_rows,
         meanings={symbol.name: symbol.meaning for symbol in quantities.symbols},
         convergence=sampled.convergence,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import bayesdrill
-from bayesdrill.analysis.causes import Causes
+from bayesdrill.analysis.causes import Causes, MapEach
 from bayesdrill.analysis.diagnostics import sandwich_sds
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
@@ -55,15 +55,17 @@ def concluded(
     *,
     alone: bool = True,
     explained: Future[Causes | None] | None = None,
+    map_each: MapEach = map,
 ) -> ReportContext:
     """Return the context of a run's report, which evaluates each conclusion at first use.
 
     `scenery` is that of the job's likelihood, if it exists already.  With `alone`, no other model
     of the record is tried.  `explained` has the causes of a bad fit, if they are sought already.
+    `map_each` may compute in other processes.
     """
     job = run.job
     chain = RunDraws(job.problem, run.mode, run.sampled, job.config.seed)
-    evaluate = partial(_analysis, run, scenery, explained, alone=alone)
+    evaluate = partial(_analysis, run, scenery, explained, map_each, alone=alone)
     return ReportContext(chain, job.config, evaluate, seconds or {})
 
 
@@ -71,6 +73,7 @@ def _analysis(
     run: SampledRun,
     scenery: SensitivityStudy | None,
     explained: Future[Causes | None] | None,
+    map_each: MapEach,
     chain: RunDraws,
     *,
     alone: bool,
@@ -83,7 +86,8 @@ def _analysis(
         found = explained.result()
     elif alone:
         found = causes(run.job, run.mode, chain.fit)
-    return analyse(chain, run.job.config.identify, scenery, alone=alone, explained=found)
+    how: dict[str, Any] = {"alone": alone, "explained": found, "map_each": map_each}
+    return analyse(chain, run.job.config.identify, scenery, **how)
 
 
 def causes(

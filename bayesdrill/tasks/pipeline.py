@@ -159,7 +159,7 @@ def _run(
         searching, sampling = (round(end - start, 3) for start, end in pairwise(clock))
         seconds = {"map": searching, "sampling": sampling}
         run = SampledRun(job, mode, sampled)
-        view = concluded(run, study, seconds, explained=explained)
+        view = concluded(run, study, seconds, explained=explained, map_each=pool.map_each)
         return _publish(job, folder, view, figures, report, clock[-1])
 
 
@@ -189,7 +189,7 @@ def republish(
         with WorkerPool(finished.job.problem.posterior, processes) as pool:
             seconds = dict(run.get("seconds", {}))
             seconds.pop("report", None)  # the report is being made again
-            view = concluded(finished, seconds=seconds)
+            view = concluded(finished, seconds=seconds, map_each=pool.map_each)
             figures = publish.begin_figures(view, folder, pool, report, pdf=pdf)
             return _publish(finished.job, folder, view, figures, report)
 
