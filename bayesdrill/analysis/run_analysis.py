@@ -218,15 +218,14 @@ def analyse(
     run: RunDraws,
     settings: IdentifySpec,
     sensitivity: SensitivityStudy,
+    map_each: MapEach = map,
     *,
     alone: bool = True,
     explained: Causes | None = None,
-    map_each: MapEach = map,
 ) -> RunAnalysis:
     """Evaluate the `RunAnalysis` of a finished run, without sampling.
 
-    If the run is `alone`, not one of several candidates, the nominal table is tried with other rigs,
-    which `map_each` may fit in other processes.
+    If the run is `alone`, not one of several candidates, the nominal table is tried with other rigs.
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior

@@ -23,7 +23,6 @@ from bayesdrill.report import render, run_report
 from bayesdrill.report.run_report import PARTS, sections
 from bayesdrill.report.scales import DPI
 from bayesdrill.report.section import Picture, as_markdown
-from bayesdrill.report.sections.corner import corner_names
 from bayesdrill.report.view import Drawing, Recipe, ReportContext
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.workers import WorkerPool
@@ -85,9 +84,9 @@ def begin_figures(
         - {*chain.from_iterable(written)}
         | {*output_files.OUTDATED}
     )
-    derived = not {*(corner_names(view) or ())} <= {*view.problem.names}
-    of_draws = {*output_files.FROM_DRAWS} - ({"corner"} if derived else set())
-    first = {name: formats[name] for name in wanted if name in of_draws}
+    first = {name: formats[name] for name in wanted if name in output_files.FROM_DRAWS}
+    if not {*(output.corner or output.parameters or ())} <= {*view.problem.names}:
+        first.pop("corner", None)  # derived quantities need the analysis
     tasks = _begin_figures(first, view, figures, pool, report, sparing)
     return PendingFigures(pool, formats, tasks, sparing)
 

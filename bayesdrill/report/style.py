@@ -212,7 +212,6 @@ def thin(n: int, most: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.intp))
 
 
-PNG_OPTIONS = {"compress_level": 3}  # takes two thirds of the usual time, for files of equal size
 # The metadata entry to which the writer of a format sets the date, unless the entry is None.
 _DATES: Mapping[str, str] = MappingProxyType({"pdf": "CreationDate", "svg": "Date"})
 
@@ -235,10 +234,7 @@ def save(
             figure.set_layout_engine(None)  # none at all, for which savefig draws only once
         for kind in formats:
             image = io.BytesIO()
-            options: dict[str, Any] = {"pil_kwargs": PNG_OPTIONS} if kind == "png" else {}
-            figure.savefig(
-                image, format=kind, dpi=dpi, metadata=_entries(kind, metadata), **options
-            )
+            figure.savefig(image, format=kind, dpi=dpi, metadata=_entries(kind, metadata))
             written.append(folder / f"{stem}.{kind}")
             output_files.write(written[-1], image.getvalue())
     return written

@@ -61,7 +61,6 @@ def concluded(
 
     `scenery` is that of the job's likelihood, if it exists already.  With `alone`, no other model
     of the record is tried.  `explained` has the causes of a bad fit, if they are sought already.
-    `map_each` may compute in other processes.
     """
     job = run.job
     chain = RunDraws(job.problem, run.mode, run.sampled, job.config.seed)
@@ -81,13 +80,12 @@ def _analysis(
     if run.kept is not None:
         return run.kept
     scenery = scenery or SensitivityStudy(run.job.problem.posterior.likelihood)
-    found: Causes | None = None
-    if explained is not None:
+    if explained is None:
+        found = causes(run.job, run.mode, chain.fit) if alone else None
+    else:
         found = explained.result()
-    elif alone:
-        found = causes(run.job, run.mode, chain.fit)
-    how: dict[str, Any] = {"alone": alone, "explained": found, "map_each": map_each}
-    return analyse(chain, run.job.config.identify, scenery, **how)
+    settings = run.job.config.identify
+    return analyse(chain, settings, scenery, map_each, alone=alone, explained=found)
 
 
 def causes(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import time
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -21,10 +21,9 @@ from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
-from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
+from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
-from bayesdrill.report.publish import PendingFigures
 from bayesdrill.report.run_report import details, screen
 from bayesdrill.report.sections.causes import describe_causes
 from bayesdrill.report.sections.identifiability import next_experiment
@@ -128,7 +127,7 @@ def _run(
     # Threads load what sampling and report need, and wait for refits, while this process computes.
     with ThreadPoolExecutor(2) as threads, WorkerPool(job.problem.posterior, processes) as pool:
         if not pool.in_process:
-            threads.submit(_load_late)
+            threads.submit(list, map(importlib.import_module, LOADED_LATE))
         searches = None if mode else begin_searches(pool, find_map.fit_plan(job), report)
         # While workers search the MAP, this process identifies what the record can determine.
         study = SensitivityStudy(job.problem.posterior.likelihood)
@@ -142,9 +141,13 @@ def _run(
         left = residuals(job, mode)
         if misfit := find_map.misfit(left, job.problem.clock):
             report.say(misfit)
-        explained = threads.submit(_explain, job, mode, left, pool, report)
-        if pool.in_process or not like_noise(left):
-            wait([explained])  # what explains a bad fit is said before it is sampled
+        fits = like_noise(left)
+        submit = pool.submit_function if pool.in_process else threads.submit
+        explained = submit(
+            causes, job, mode, left, pool.submit_function, SILENT if fits else report
+        )
+        if not fits:  # what explains a bad fit is said before it is sampled
+            _say_causes(explained, report)
         pool.set_steps(mode.pieces)
         if mode.pieces:
             study = SensitivityStudy(job.problem.posterior.likelihood)
@@ -153,6 +156,8 @@ def _run(
         # Workers draw while this process computes the evidence.
         view = concluded(SampledRun(job, mode, sampled), study, explained=explained)
         figures = publish.begin_figures(view, folder, pool, report)
+        if fits:
+            _say_causes(explained, report)
         sampled = weigh(pool, sampled, find_map.fit_plan(job), report)
         clock.append(time.perf_counter())
         _finish_chain(job, folder, sampled)
@@ -163,18 +168,9 @@ def _run(
         return _publish(job, folder, view, figures, report, clock[-1])
 
 
-def _load_late() -> None:
-    for name in LOADED_LATE:
-        importlib.import_module(name)
-
-
-def _explain(
-    job: Job, mode: Mode, left: Sequence[ResidualSummary], pool: WorkerPool, report: Reporter
-) -> Causes | None:
-    explained = causes(job, mode, left, pool.submit_function, report)
-    if explained is not None:
-        report.say(describe_causes(explained))
-    return explained
+def _say_causes(explained: Future[Causes | None], report: Reporter) -> None:
+    if (found := explained.result()) is not None:
+        report.say(describe_causes(found))
 
 
 def republish(
@@ -311,7 +307,7 @@ def _publish(
     job: Job,
     folder: Folder,
     view: ReportContext,
-    figures: PendingFigures,
+    figures: publish.PendingFigures,
     report: Reporter,
     begun: float | None = None,
 ) -> Outcome:

@@ -323,14 +323,9 @@ def _marks(panel: Axes, column: CornerColumn, row: CornerColumn, page: CornerPag
         panel.plot([x], [y], **style.finer(style.CROSS, page.fine))
 
 
-def corner_names(run: ReportContext) -> list[str] | None:
-    """Return the names that the config chooses for the corner plot; None: all unknowns."""
-    return run.config.output.corner or run.config.output.parameters
-
-
 def draw_corner(run: ReportContext) -> Drawing:
     """Return the drawing of the joint posterior."""
-    names = corner_names(run)
+    names = run.config.output.corner or run.config.output.parameters
     # A figure of unknowns alone does not wait until derived quantities are computed.
     derived = run.chain.nothing_derived if {*(names or ())} <= {*run.problem.names} else run.derived
     at = (run.sampled.draws, derived, run.chain.best[None])
