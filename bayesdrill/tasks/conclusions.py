@@ -81,11 +81,11 @@ def _analysis(
         return run.kept
     scenery = scenery or SensitivityStudy(run.job.problem.posterior.likelihood)
     if explained is None:
-        found = causes(run.job, run.mode, chain.fit) if alone else None
+        ranked = causes(run.job, run.mode, chain.fit) if alone else None
     else:
-        found = explained.result()
+        ranked = explained.result()
     settings = run.job.config.identify
-    return analyse(chain, settings, scenery, map_each, alone=alone, explained=found)
+    return analyse(chain, settings, scenery, map_each, alone=alone, explained=ranked)
 
 
 def causes(

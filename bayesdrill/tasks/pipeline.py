@@ -10,18 +10,17 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bayesdrill import output_files
-from bayesdrill.analysis.causes import Causes
 from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
-from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import details, screen
@@ -141,7 +140,7 @@ def _run(
         left = residuals(job, mode)
         if misfit := find_map.misfit(left, job.problem.clock):
             report.say(misfit)
-        fits = like_noise(left)
+        fits = all(channel.like_noise for channel in left)
         submit = pool.submit_function if pool.in_process else threads.submit
         explained = submit(
             causes, job, mode, left, pool.submit_function, SILENT if fits else report
@@ -168,9 +167,9 @@ def _run(
         return _publish(job, folder, view, figures, report, clock[-1])
 
 
-def _say_causes(explained: Future[Causes | None], report: Reporter) -> None:
-    if (found := explained.result()) is not None:
-        report.say(describe_causes(found))
+def _say_causes(explained: Future[Any], report: Reporter) -> None:
+    if (ranked := explained.result()) is not None:
+        report.say(describe_causes(ranked))
 
 
 def republish(
