@@ -12,6 +12,7 @@ from bayesdrill.basics.errors import short_of_memory
 
 def main() -> None:
     """Run the command line."""
+    sys.modules["dask"] = None  # type: ignore[assignment]  # xarray would load it, for half a second
     atexit.register(gc.freeze)  # at its end the process goes as a whole: no search for cycles
     # Before a command begins there is nothing to save or to say: Ctrl-C just ends the process.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:

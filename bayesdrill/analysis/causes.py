@@ -7,9 +7,10 @@ parameters are held at their nominal values, within tolerances, and the others a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 import scipy
@@ -173,10 +174,17 @@ class EquivalentExplanation:
     lost: float
 
 
-def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanation | None:
+# A function such as `map`, which calls another function with each item.
+MapEach = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+
+
+def equivalent_explanation(
+    problem: Problem, theta: Array, map_each: MapEach = map
+) -> EquivalentExplanation | None:
     """Find a parameter with which the table fits the record as well as the MAP `theta (D,)`.
 
     The result is None if there is none, or if the table fits without any further parameter.
+    `map_each` may fit with each parameter in other processes.
     """
     posterior = excerpt(problem.posterior) or problem.posterior
     wider, space = with_candidates(posterior, theta), posterior.space
@@ -196,7 +204,8 @@ def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanat
     bare = _fit_with_table(wider, start, table, tried, None)
     if bare is None or before - bare[1] <= limit:
         return None  # the table fits as it is
-    fits = ((k, _fit_with_table(wider, start, table, tried, k)) for k in tried)
+    each = map_each(partial(_fit_with_table, wider, start, table, tried), tried)
+    fits = zip(tried, each, strict=True)
     losses = [(before - fit[1], wider.space.free[k], fit[0]) for k, fit in fits if fit is not None]
     lost, parameter, value = min(losses, default=(np.inf, "", 0.0))
     if lost > limit:

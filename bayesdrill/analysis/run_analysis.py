@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.analysis import causes, diagnostics, latent_torque, plausibility
-from bayesdrill.analysis.causes import Causes, EquivalentExplanation
+from bayesdrill.analysis.causes import Causes, EquivalentExplanation, MapEach
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
 from bayesdrill.analysis.diagnostics import DETERMINED_SHRINKAGE, ParameterRow
 from bayesdrill.analysis.friction_motion import FrictionMotion, friction_motions
@@ -218,6 +218,7 @@ def analyse(
     run: RunDraws,
     settings: IdentifySpec,
     sensitivity: SensitivityStudy,
+    map_each: MapEach = map,
     *,
     alone: bool = True,
     explained: Causes | None = None,
@@ -245,7 +246,7 @@ def analyse(
         judged=judged,
         repeats=repeats(sensitivity, best, products),
         causes=explained,
-        instead=causes.equivalent_explanation(problem, best) if blamed else None,
+        instead=causes.equivalent_explanation(problem, best, map_each) if blamed else None,
         derived=derived_rows,
         meanings={symbol.name: symbol.meaning for symbol in quantities.symbols},
         convergence=sampled.convergence,

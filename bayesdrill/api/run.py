@@ -31,7 +31,7 @@ from bayesdrill.report.view import Drawing, ReportContext
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.workers import WorkerPool
+from bayesdrill.sampling.workers import ONE_THREAD, WorkerPool
 from bayesdrill.tasks import conclusions, find_map, pipeline
 from bayesdrill.tasks.conclusions import SampledRun
 
@@ -129,11 +129,14 @@ class Best(Value):
         Candidates
             The models, the recommended one first; empty if the residuals look like the noise.
         """
-        with WorkerPool(self.job.problem.posterior, arguments.workers(processes)) as pool:
-            progress = report or SILENT
-            job = self.job.with_steps_at(self.mode)
-            residuals, submit = conclusions.residuals(job, self.mode), pool.submit_function
-            causes = conclusions.causes(job, self.mode, residuals, submit, progress)
+        workers, job = arguments.workers(processes), self.job.with_steps_at(self.mode)
+        with ONE_THREAD:
+            residuals = conclusions.residuals(job, self.mode)
+        if all(channel.like_noise for channel in residuals):
+            workers = 1  # a good fit has few refits, which end before workers could help
+        with WorkerPool(self.job.problem.posterior, workers) as pool:
+            how = job, self.mode, residuals, pool.submit_function, report or SILENT
+            causes = conclusions.causes(*how)
         ranked, best = ((), None) if causes is None else (causes.ranked, causes.best)
         return Candidates(ranked, describe_causes(causes), best, self.job)
 

@@ -20,11 +20,7 @@ class Canvas:
     """The canvas is a page two columns wide; its origin is the lower left corner, its unit the inch."""
 
     def __init__(self, height: float) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        self.figure = Figure(figsize=(DOUBLE, height))
-        FigureCanvasAgg(self.figure)  # keeps one renderer, which remembers the sizes of texts
+        self.figure = style.new_figure(DOUBLE, height)
         self.axes = self.figure.add_axes((0, 0, 1, 1), xlim=(0, DOUBLE), ylim=(0, height))
         self.axes.set_axis_off()
 

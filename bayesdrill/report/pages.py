@@ -33,14 +33,12 @@ def build_page(
     figure of one column of text.  With a height `first` or `last`, the first or the last panel is as
     wide as the page.
     """
-    from matplotlib.figure import Figure
-
     if width < DOUBLE:
         columns, row = min(columns, narrow), NARROW_ROW * row
     columns = min(n, columns)
     heights = [*([first] if first else []), *[row] * math.ceil(n / columns)]
     heights += [last] if last else []
-    figure = Figure(figsize=(width, sum(heights)), layout="constrained")
+    figure = style.new_figure(width, sum(heights), layout="constrained")
     figure.get_layout_engine().set(w_pad=0.03, h_pad=0.03, wspace=0.01, hspace=0.01)  # type: ignore[union-attr, call-arg]
     grid = figure.add_gridspec(len(heights), columns, height_ratios=heights)
     top = 1 if first else 0

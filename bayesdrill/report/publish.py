@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Collection, Mapping
 from concurrent.futures import Future
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
@@ -58,14 +59,20 @@ TABLES = MappingProxyType({name: text for part in PARTS for name, text in part.f
 _SEVERAL = tuple(f"{stem}_{k}" for stem in PER_EXPERIMENT for k in range(1, MAX_NAMED + 1))
 
 
-def write_results(
-    view: ReportContext, folder: Folder, pool: WorkerPool, report: Reporter, *, pdf: bool = False
-) -> tuple[str, ...]:
-    """Write all files of a run; return the names of those that could not be made, with reasons.
+@dataclass(frozen=True, slots=True)
+class PendingFigures:
+    """Workers of `pool` draw figures: `tasks` by name; `formats` has those of all wanted figures."""
 
-    With `pdf`, every figure is a PDF too.  Raises `OSError` if the disk is full; existing files stay
-    whole.
-    """
+    pool: WorkerPool
+    formats: Mapping[str, tuple[str, ...]]
+    tasks: dict[str, list[tuple[str, str, Future[None]]]]
+    errors: ErrorCollector
+
+
+def begin_figures(
+    view: ReportContext, folder: Folder, pool: WorkerPool, report: Reporter, *, pdf: bool = False
+) -> PendingFigures:
+    """Begin to draw the figures that show draws alone; `pdf`: every figure as PDF too."""
     output, errors = view.config.output, ErrorCollector()
     figures = folder.path / FOLDER
     figures.mkdir(exist_ok=True)
@@ -77,13 +84,27 @@ def write_results(
         - {*chain.from_iterable(written)}
         | {*output_files.OUTDATED}
     )
-    of_draws = {name: formats[name] for name in wanted if name in output_files.FROM_DRAWS}
-    others = {name: formats[name] for name in wanted if name not in of_draws}
-    tasks = _begin_figures(of_draws, view, figures, pool, report, errors)
+    first = {name: formats[name] for name in wanted if name in output_files.FROM_DRAWS}
+    if not {*(output.corner or output.parameters or ())} <= {*view.problem.names}:
+        first.pop("corner", None)  # derived quantities need the analysis
+    tasks = _begin_figures(first, view, figures, pool, report, errors)
+    return PendingFigures(pool, formats, tasks, errors)
+
+
+def write_results(
+    view: ReportContext, folder: Folder, begun: PendingFigures, report: Reporter
+) -> tuple[str, ...]:
+    """Write all files of a run; return the names of those that could not be made, with reasons.
+
+    Raises `OSError` if the disk is full; existing files stay whole.
+    """
+    formats, tasks, errors = begun.formats, begun.tasks, begun.errors
+    figures, wanted = folder.path / FOLDER, [*formats]
     report.update(0.0, "looking at what the draws say")
     _ = view.analysis  # evaluate the analysis while other processes draw
     report.update(0.0, "making tables and figures")
-    tasks |= _begin_figures(others, view, figures, pool, report, errors)
+    others = {name: formats[name] for name in wanted if name not in tasks}
+    tasks |= _begin_figures(others, view, figures, begun.pool, report, errors)
     report.update(0.5, "tables")
     for name, table in TABLES.items():
         with errors.making(name):

@@ -104,6 +104,16 @@ def styled(width: float = DOUBLE) -> Iterator[None]:
         yield
 
 
+def new_figure(width: float, height: float, **options: Any) -> Figure:
+    """Return an empty figure whose canvas keeps one renderer, which remembers the sizes of texts."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), **options)
+    FigureCanvasAgg(figure)
+    return figure
+
+
 def letters(size: str) -> float:
     """Return a font size in points, in the figure that is being built."""
     import matplotlib
@@ -221,7 +231,7 @@ def save(
         if engine is not None:  # once, instead of in a draw before that of each format
             figure.set_dpi(dpi)
             engine.execute(figure)
-            figure.set_layout_engine("none")
+            figure.set_layout_engine(None)  # none at all, for which savefig draws only once
         for kind in formats:
             image = io.BytesIO()
             figure.savefig(image, format=kind, dpi=dpi, metadata=_entries(kind, metadata))

@@ -74,7 +74,8 @@ def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult]:
     with WorkerPool(posterior, 1) as pool:
         mode = end_searches(pool, begin_searches(pool, plan, SILENT), SILENT)
         pool.set_steps(mode.pieces)
-        return mode, sample_maxima(pool, mode, plan, MemoryBackend(), SILENT)
+        sampled = sample_maxima(pool, mode, plan, MemoryBackend(), SILENT)
+        return mode, sampled if plan.brief else weigh(pool, sampled, plan, SILENT)
 
 
 def searching_processes(posterior: Posterior, plan: FitPlan, processes: int) -> int:
@@ -184,19 +185,23 @@ def compress_about(pool: WorkerPool, mode: Mode, shortest: int | None) -> None:
 def sample_maxima(
     pool: WorkerPool, mode: Mode, plan: FitPlan, backend: Backend, report: Reporter
 ) -> SamplingResult:
-    """Sample ensembles about all maxima of `mode`, and estimate the mass of each.
+    """Sample ensembles about all maxima of `mode`.
 
     The pool's posterior has the mode's steps.  Raises `NoSupportError` if nothing can be sampled.
     """
     compress_about(pool, mode, plan.shortest)
-    posterior, chains = pool.posterior, plan.chains
-    maxima = mode_search.modes(posterior, mode)
-    sampled = sample(pool, maxima, chains, backend, report).with_reasons(mode.doubts)
-    if plan.brief:
-        return sampled
+    maxima = mode_search.modes(pool.posterior, mode)
+    return sample(pool, maxima, plan.chains, backend, report).with_reasons(mode.doubts)
+
+
+def weigh(
+    pool: WorkerPool, sampled: SamplingResult, plan: FitPlan, report: Reporter
+) -> SamplingResult:
+    """Return a copy with the evidence, and with the check of a compressed likelihood."""
+    posterior = pool.posterior
     report.update(0.0, "computing the evidence")
-    sampled = with_evidence(posterior, sampled, chains.seed)
-    draws = sampled.draws.reshape(-1, maxima.shape[1])
+    sampled = with_evidence(posterior, sampled, plan.chains.seed)
+    draws = sampled.draws.reshape(-1, sampled.draws.shape[-1])
     thinned = draws[:: max(1, len(draws) // CHECKED_DRAWS)][:CHECKED_DRAWS]
     sampled = replace(sampled, compression=compression.check_draws(posterior, thinned))
     report.update(1.0, "")

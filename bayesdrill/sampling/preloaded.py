@@ -26,9 +26,13 @@ def _say(kind: type[BaseException], error: BaseException, traceback: TracebackTy
 
 
 sys.excepthook = _say
+gc.disable()  # modules are no garbage
 sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]
 for _name in NEEDED:
     with suppress(Exception):  # a task that needs the module reports the error
         importlib.import_module(_name)
 del sys.modules["scipy.stats"]  # some figures load it
+with suppress(Exception):  # short formulas are parsed twice as fast without remembered results
+    importlib.import_module("pyparsing").ParserElement.disable_memoization()
 gc.freeze()  # no garbage collection of loaded modules, so that workers share their memory
+gc.enable()

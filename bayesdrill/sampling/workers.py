@@ -17,7 +17,7 @@ import signal
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -150,6 +150,11 @@ class WorkerPool:
     ) -> Future[T]:
         """Submit a function that does not need the posterior of the pool."""
         return self.submit(_call, function, *arguments, **named)
+
+    def map_each[A, T](self, function: Callable[[A], T], items: Iterable[A]) -> list[T]:
+        """Return `function(item)` of each item; it does not need the posterior of the pool."""
+        tasks = [self.submit_function(function, item) for item in items]
+        return [task.result() for task in tasks]
 
     def set_steps(self, steps: Mapping[str, StepSizes]) -> None:
         """Use the posterior with these steps from now on (`inference.step_error`)."""

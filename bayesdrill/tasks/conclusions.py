@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import bayesdrill
-from bayesdrill.analysis.causes import Causes
+from bayesdrill.analysis.causes import Causes, MapEach
 from bayesdrill.analysis.diagnostics import sandwich_sds
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
@@ -53,23 +54,25 @@ def concluded(
     seconds: Mapping[str, float] | None = None,
     *,
     alone: bool = True,
-    explained: Causes | None = None,
+    explained: Future[Causes | None] | None = None,
+    map_each: MapEach = map,
 ) -> ReportContext:
     """Return the context of a run's report, which evaluates each conclusion at first use.
 
     `scenery` is that of the job's likelihood, if it exists already.  With `alone`, no other model
-    of the record is tried.  `explained` are the causes of a bad fit, if they are known already.
+    of the record is tried.  `explained` has the causes of a bad fit, if they are sought already.
     """
     job = run.job
     chain = RunDraws(job.problem, run.mode, run.sampled, job.config.seed)
-    evaluate = partial(_analysis, run, scenery, explained, alone=alone)
+    evaluate = partial(_analysis, run, scenery, explained, map_each, alone=alone)
     return ReportContext(chain, job.config, evaluate, seconds or {})
 
 
 def _analysis(
     run: SampledRun,
     scenery: SensitivityStudy | None,
-    explained: Causes | None,
+    explained: Future[Causes | None] | None,
+    map_each: MapEach,
     chain: RunDraws,
     *,
     alone: bool,
@@ -77,9 +80,12 @@ def _analysis(
     if run.kept is not None:
         return run.kept
     scenery = scenery or SensitivityStudy(run.job.problem.posterior.likelihood)
-    if alone and explained is None:
-        explained = causes(run.job, run.mode, chain.fit)
-    return analyse(chain, run.job.config.identify, scenery, alone=alone, explained=explained)
+    if explained is None:
+        ranked = causes(run.job, run.mode, chain.fit) if alone else None
+    else:
+        ranked = explained.result()
+    settings = run.job.config.identify
+    return analyse(chain, settings, scenery, map_each, alone=alone, explained=ranked)
 
 
 def causes(

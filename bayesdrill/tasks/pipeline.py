@@ -6,10 +6,11 @@ import dataclasses
 import importlib
 import time
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.compression.basis import CompressionError
 from bayesdrill.sampling import ensembles
 from bayesdrill.sampling.ensembles import Backend, MemoryBackend, SamplingResult
-from bayesdrill.sampling.fit import begin_searches, sample_maxima
+from bayesdrill.sampling.fit import begin_searches, sample_maxima, weigh
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import NoSupportError
 from bayesdrill.sampling.workers import WorkerPool
@@ -122,10 +123,10 @@ def _run(
     job: Job, folder: Folder, mode: Mode | None, processes: int, report: Reporter, details: Reporter
 ) -> Outcome:
     clock = [time.perf_counter()]
-    # A thread loads what sampling and report need, while this process waits for the workers.
-    with ThreadPoolExecutor(1) as loader, WorkerPool(job.problem.posterior, processes) as pool:
+    # Threads load what sampling and report need, and wait for refits, while this process computes.
+    with ThreadPoolExecutor(2) as threads, WorkerPool(job.problem.posterior, processes) as pool:
         if not pool.in_process:
-            loader.map(importlib.import_module, LOADED_LATE)
+            threads.submit(list, map(importlib.import_module, LOADED_LATE))
         searches = None if mode else begin_searches(pool, find_map.fit_plan(job), report)
         # While workers search the MAP, this process identifies what the record can determine.
         study = SensitivityStudy(job.problem.posterior.likelihood)
@@ -139,21 +140,36 @@ def _run(
         left = residuals(job, mode)
         if misfit := find_map.misfit(left, job.problem.clock):
             report.say(misfit)
-        explained = causes(job, mode, left, pool.submit_function, report)
-        if explained is not None:
-            report.say(describe_causes(explained))
+        fits = all(channel.like_noise for channel in left)
+        submit = pool.submit_function if pool.in_process else threads.submit
+        explained = submit(
+            causes, job, mode, left, pool.submit_function, SILENT if fits else report
+        )
+        if not fits:  # what explains a bad fit is said before it is sampled
+            _say_causes(explained, report)
         pool.set_steps(mode.pieces)
         if mode.pieces:
             study = SensitivityStudy(job.problem.posterior.likelihood)
         clock.append(time.perf_counter())
         sampled = _sample(job, pool, mode, folder, report)
+        # Workers draw while this process computes the evidence.
+        view = concluded(SampledRun(job, mode, sampled), study, explained=explained)
+        figures = publish.begin_figures(view, folder, pool, report)
+        if fits:
+            _say_causes(explained, report)
+        sampled = weigh(pool, sampled, find_map.fit_plan(job), report)
         clock.append(time.perf_counter())
         _finish_chain(job, folder, sampled)
         searching, sampling = (round(end - start, 3) for start, end in pairwise(clock))
         seconds = {"map": searching, "sampling": sampling}
         run = SampledRun(job, mode, sampled)
-        view = concluded(run, study, seconds, explained=explained)
-        return _publish(job, folder, view, pool, report, clock[-1])
+        view = concluded(run, study, seconds, explained=explained, map_each=pool.map_each)
+        return _publish(job, folder, view, figures, report, clock[-1])
+
+
+def _say_causes(explained: Future[Any], report: Reporter) -> None:
+    if (ranked := explained.result()) is not None:
+        report.say(describe_causes(ranked))
 
 
 def republish(
@@ -168,8 +184,9 @@ def republish(
         with WorkerPool(finished.job.problem.posterior, processes) as pool:
             seconds = dict(run.get("seconds", {}))
             seconds.pop("report", None)  # the report is being made again
-            view = concluded(finished, seconds=seconds)
-            return _publish(finished.job, folder, view, pool, report, pdf=pdf)
+            view = concluded(finished, seconds=seconds, map_each=pool.map_each)
+            figures = publish.begin_figures(view, folder, pool, report, pdf=pdf)
+            return _publish(finished.job, folder, view, figures, report)
 
 
 def copy_result(source: Path, output: Path, *, force: bool) -> None:
@@ -252,13 +269,15 @@ def write_result(
                 first += len(piece.z)
         _finish_chain(job, folder, view.sampled)
         with WorkerPool(job.problem.posterior, 1) as pool:
-            return _publish(job, folder, view, pool, SILENT)
+            figures = publish.begin_figures(view, folder, pool, SILENT)
+            return _publish(job, folder, view, figures, SILENT)
 
 
 def sample_in_memory(job: Job, mode: Mode, processes: int, report: Reporter) -> SamplingResult:
     """Sample from the maximum `mode`; the job has the integration steps of this mode."""
     with WorkerPool(job.problem.posterior, processes) as pool:
-        return _sample(job, pool, mode, MemoryBackend(), report)
+        sampled = _sample(job, pool, mode, MemoryBackend(), report)
+        return weigh(pool, sampled, find_map.fit_plan(job), report)
 
 
 def _sample(
@@ -287,14 +306,12 @@ def _publish(
     job: Job,
     folder: Folder,
     view: ReportContext,
-    pool: WorkerPool,
+    figures: publish.PendingFigures,
     report: Reporter,
     begun: float | None = None,
-    *,
-    pdf: bool = False,
 ) -> Outcome:
     """Write tables, figures and record; the report of a timed run began at the time `begun`."""
-    missing = publish.write_results(view, folder, pool, report, pdf=pdf)
+    missing = publish.write_results(view, folder, figures, report)
     report.update(1.0, "")
     seconds, judged = dict(view.seconds), view.analysis.judged
     if begun is not None:

@@ -7,6 +7,7 @@ import functools
 import logging
 import pickle
 import re
+import sys
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -49,6 +50,8 @@ def _nothing() -> None:
 @contextmanager
 def dask_executor(scheduler: str) -> Iterator[RefitExecutor]:
     """Yield the workers of `scheduler`, such as tcp://host:8786; raises `InputError` without any."""
+    if sys.modules.get("dask", sys) is None:  # the command line hides it from xarray
+        del sys.modules["dask"]
     try:
         from distributed import Client
     except ImportError:

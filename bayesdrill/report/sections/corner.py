@@ -89,8 +89,6 @@ class CornerPage:
     @classmethod
     def build(cls, shown: Sequence[tuple[Scale, Symbol]], width: float) -> CornerPage:
         """Lay out these axes within `width`, or wider if panels would be smaller than `LEAST`."""
-        from matplotlib.figure import Figure
-
         n, layout = len(shown), NUMBERED
         letters, pitch = layout.sizes(n, width)
         if letters < READABLE:
@@ -99,10 +97,11 @@ class CornerPage:
         inside, title = pitch * (n - GAP / (1 + GAP)), 0.02 + 0.028 * letters
         left, right, bottom = layout.left * letters, layout.right * letters, layout.left * letters
         if layout is TURNED:
-            texts = [Figure().text(0, 0, _label_with_ends(*each), size=letters) for each in shown]
+            page = style.new_figure(1.0, 1.0)
+            texts = [page.text(0, 0, _label_with_ends(*each), size=letters) for each in shown]
             longest = max(text.get_window_extent().width / text.figure.dpi for text in texts)
             bottom = longest + BELOW
-        figure = Figure(figsize=(left + inside + right, bottom + inside + title))
+        figure = style.new_figure(left + inside + right, bottom + inside + title)
         across, up = figure.get_size_inches()
         ends = {"left": left / across, "right": (left + inside) / across}
         ends |= {"bottom": bottom / up, "top": (bottom + inside) / up}

@@ -252,13 +252,11 @@ def build_fit_page(fit: Fit, width: float) -> tuple[Figure, list[Axes], list[tup
 
     Returns panels of inputs and frictions, and a pair for the signals and residuals of each channel.
     """
-    from matplotlib.figure import Figure
-
     beside = width >= scales.DOUBLE
     strip, *channel = WIDE_HEIGHTS if beside else NARROW_HEIGHTS
     n, n_courses, n_rubs = len(fit.signals), len(fit.courses), len(fit.rubs)
     heights = [*[strip] * n_courses, *channel * n, *[strip] * n_rubs]
-    figure = Figure(figsize=(width, sum(heights)), layout="constrained")
+    figure = style.new_figure(width, sum(heights), layout="constrained")
     shares = SHARES if beside else (1.0,)
     grid = figure.add_gridspec(
         len(heights), len(shares), height_ratios=heights, width_ratios=shares
