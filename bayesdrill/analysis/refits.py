@@ -122,7 +122,6 @@ def refit_candidate(
     started = time.perf_counter()
     space, coordinates = posterior.space, posterior.coordinates
     surface = CountingDensity(posterior)
-    unseen, _ = _hidden(posterior.likelihood, records)
     physical = _starts(posterior, known, alone, starts)
     rows = np.clip(coordinates.from_physical(physical), surface.low, surface.high)
     hopeful = not alone or _can_reach(surface, rows[:1], records, rival)
@@ -136,6 +135,7 @@ def refit_candidate(
     best = np.argsort(-first.value, kind="stable")[:CLIMBED_STARTS]
     best = best[np.isfinite(first.value[best])]  # if a value is infinite, its gain may be, too
     u, value, gain = first.u[best], first.value[best], first.gain[best]
+    unseen, _ = _hidden(posterior.likelihood, records, coordinates.to_physical(u[:1])[0])
     needed = max(_height_of(surface, u[:1], records, rival), least - unseen - HOPELESS_DEPTH)
     promising = bool(hopeful and (value + gain).max() + unseen > least)
     promising &= bool((value + LAST_STEPS * gain).max() > needed)

@@ -21,7 +21,7 @@ from bayesdrill.record.regression import integral, linear_fit
 TYPICAL_RATE = 300.0  # Hz; the geometric centre of usual sampling rates
 GIVEN_REASON = "as `--columns` says"
 REVERSAL_RATIO, CLEAR_REVERSAL_RATIO = 0.1, 0.3  # smaller over larger extent of a signal
-MAX_DEAD_SAMPLES, N_PAST, MAX_ROWS = 5, 3, 20_000  # largest delay, past samples, used rows
+MAX_DEAD_SAMPLES, N_PAST, MAX_ROWS = 10, 3, 20_000  # largest delay, past samples, used rows
 STRIDES, MIN_BLOCKS = (1, 2, 4, 8), 100  # samples of a mean, and least means for a delay
 MAX_RESIDUAL_RATIO = 0.64  # residual of a speed with the delayed input over that without delay
 
@@ -446,19 +446,22 @@ def dead_samples(
 ) -> tuple[int, int]:
     """Return by how many samples the first speed follows the first input, and to how many that is known.
 
-    Both are 0 if it is not clear. Noise hides a delay that is long beside the step. For a `rigid` drive,
-    means of several samples show it.
+    Both are 0 if it is not clear. Without a speed, differences of the first angle are taken. Noise hides
+    a delay that is long beside the step. For a `rigid` drive, means of several samples show it.
     """
-    speeds = [sensor for sensor in channels if sensor.kind in ("speed", "velocity")]
+    speeds = [sensor.values for sensor in channels if sensor.kind in ("speed", "velocity")]
+    angles = [s for s in channels if s.kind in ("angle", "position") and s.location != TWIST]
+    speeds += [np.diff(s.values, prepend=s.values[0]) for s in angles]
     driving = [sensor for sensor in inputs if sensor.kind in DRIVES and sensor.varies]
     if not speeds or not driving:
         return 0, 0
     clearest, found = MAX_RESIDUAL_RATIO, (0, 0)
     for stride in STRIDES if rigid else STRIDES[:1]:
-        n = len(speeds[0].values) // stride
+        n = len(speeds[0]) // stride
         if stride > 1 and n < MIN_BLOCKS:
             break
-        x, u = (s.values[: n * stride].reshape(n, -1).mean(axis=1) for s in (speeds[0], driving[0]))
+        pair = speeds[0], driving[0].values
+        x, u = (values[: n * stride].reshape(n, -1).mean(axis=1) for values in pair)
         k = np.arange(N_PAST + MAX_DEAD_SAMPLES, min(n, MAX_ROWS))
         past = [x[k - j] for j in range(1, N_PAST + 1)]
         lags = range(MAX_DEAD_SAMPLES + 1)

@@ -59,9 +59,11 @@ SLOWEST = 1e-3  # smallest scale of speeds for static friction, over the largest
 TIME_PARTS = 3.0
 MIN_EFFICIENCY = 0.3  # smallest efficiency of a gear in a search
 DRAG_MARGIN = 4.0  # largest drag over the one that acts as strongly as all else
-HOLDING = 4.0  # largest friction at rest over the friction that acts as strongly as all else
-# Friction with friction at rest is sought from these shares of its largest size, sliding and at rest,
-# which fades over this share of the largest speed.
+# Largest dry friction over the one that acts as strongly as all else, whose root mean square is small
+# in a record that mostly rests.
+HOLDING = 4.0
+# Dry friction is sought from these shares of its size, sliding and at rest, which fades over this share
+# of the largest speed.
 SLIDING_SHARES, STATIC_SHARES, FADING_SHARE = (0.05, 0.5), (0.1, 0.8), 0.03
 # Physics is sought from starts between these shares of its largest size.  A rig without a drive comes
 # to rest after some number of oscillations, each of which has its own maximum, so it needs more.
@@ -379,12 +381,13 @@ class Setting:
             size = sizes[lack.parameter] * (DRAG_MARGIN if drags else 1.0)
             shares = np.geomspace(*SOUGHT_SIZES, DRIVEN_STARTS if self._driven else FREE_STARTS)
             starts = tuple({lack.parameter: size * share} for share in shares.tolist())
-            priors = {lack.parameter: uniform(size)}
+            margin = HOLDING if kind == COULOMB else 1.0
+            priors = {lack.parameter: uniform(size * margin)}
             yield replace(_physics(lack.name, lack.words, priors, kind), starts=starts)
         dry = [i for i in roles.inertias if f"friction_{i.name}" in {lack.name for lack in lacks}]
         if len(dry) == 2:
-            priors = {i.sliding: uniform(sizes[i.sliding]) for i in dry}
-            yield _physics(BOTH, f"dry friction {dry[0].at} and {dry[1].at}", priors)
+            words = f"dry friction {dry[0].at} and {dry[1].at}"
+            yield self._dry(BOTH, words, {i.sliding: sizes[i.sliding] for i in dry})
         for i in roles.inertias:
             yield from self._at_rest(i)
             if self._offered(i.efficiency) and self._passes_on(i):
@@ -405,6 +408,18 @@ class Setting:
                 part = _physics(f"goal_speed_{motor.inertia}", words, priors)
                 starts = tuple({motor.goal_speed: fastest * x} for x in GOAL_STARTS)
                 yield replace(part, neutral=NOTHING, lacks=(), starts=starts)
+
+    def _dry(self, name: str, words: str, sizes: Mapping[str, float]) -> Change:
+        """Return dry frictions that may be larger than their `sizes`, and are sought below these."""
+        priors = {friction: uniform(HOLDING * size) for friction, size in sizes.items()}
+        starts = tuple(
+            {
+                friction: size * share
+                for (friction, size), share in zip(sizes.items(), shares, strict=True)
+            }
+            for shares in itertools.product(SLIDING_SHARES, repeat=len(sizes))
+        )
+        return replace(_physics(name, words, priors), starts=starts)
 
     def _at_rest(self, i: InertiaRoles) -> Iterator[Change]:
         """Yield friction at rest, for candidates with dry friction, and both at once."""
@@ -443,19 +458,20 @@ class Setting:
             surplus = surplus_frictions(model, {*self.job.problem.names, forward, backward})
             if surplus or not self._offered(backward):
                 continue
-            priors, value = {}, self.values.get(forward, 0.0)
-            if forward in self.sizes and forward != at.static:
-                priors = dict.fromkeys((forward, backward), uniform(self.sizes[forward]))
+            part_name, words = f"{name}_{at.name}", f"{words} {at.at} that differs by direction"
+            value, size = self.values.get(forward, 0.0), self.sizes.get(forward, 0.0)
+            if forward == at.sliding and size:
+                part = self._dry(part_name, words, dict.fromkeys((forward, backward), size))
+            elif forward == at.damping and size:
+                part = _physics(part_name, words, dict.fromkeys((forward, backward), uniform(size)))
             elif value > 0:
                 given = (self._prior(forward) or ((), None))[1]
-                priors = {backward: given or log_uniform(value / WIDER, value * WIDER)}
-            starts = tuple({backward: value * factor} for factor in BACKWARD_STARTS)
-            part = _physics(
-                f"{name}_{at.name}", f"{words} {at.at} that differs by direction", priors
-            )
-            if priors:
-                part = replace(part, neutral=NOTHING, lacks=())
-                yield replace(part, starts=starts) if value > 0 else part
+                prior = given or log_uniform(value / WIDER, value * WIDER)
+                starts = tuple({backward: value * factor} for factor in BACKWARD_STARTS)
+                part = replace(_physics(part_name, words, {backward: prior}), starts=starts)
+            else:
+                continue
+            yield replace(part, neutral=NOTHING, lacks=())
 
     def _offered(self, *names: str) -> bool:
         model = self.job.problem.model

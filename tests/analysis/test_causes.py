@@ -287,6 +287,33 @@ def test_an_offset_and_dry_friction_of_a_motor_that_turns_one_way_are_not_recomm
     assert ("alike", {*both.words}) in [(each.kind, {*each.said_of}) for each in both.doubts]
 
 
+def test_friction_that_nearly_stops_a_motor_is_not_at_the_end_of_its_prior(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Short pulses of 1 V move it against 0.7 N m, and their root mean square is 0.3 V."""
+    t = 0.01 * np.arange(300)
+    u = np.sign(np.sin(2 * t)) * (np.abs(np.sin(2 * t)) > 0.99)
+    p = {"j_motor": 0.01, "k_T_motor": 1.0, "r_motor": 1.0, "c_motor": 0.02}
+    inertias = {"inertias": ("motor",), "drives": {"motor": "voltage"}}
+    rubbing = bd.Train(**inertias, added=("c_motor", "t_c_motor"))
+    w = bd.respond(rubbing, p | {"t_c_motor": 0.7}, t, {"u_motor": u}, ["w_motor"])["w_motor"]
+    w = w + 0.01 * np.random.default_rng(1).standard_normal(len(t))
+    free = {"prior": "log_uniform", "low": 1e-3, "high": 1.0}
+    case = bd.case(
+        t,
+        {"w_motor": bd.Channel(w, "rad/s", 0.01)},
+        {"u_motor": bd.Input(u, "V")},
+        p | {"j_motor": free, "c_motor": free},
+        rig=bd.Train(**inertias, added=("c_motor",)),
+    )
+    try_only(("friction_motor", "gain_u_motor"), monkeypatch)
+    causes = causes_of(case)
+    assert causes is not None
+    assert causes.best is not None
+    assert causes.best.parts == ("friction_motor",)
+    assert causes.best.new[0].value == pytest.approx(0.7, rel=0.05)
+
+
 def cause(bayes: float, *parts: str) -> Cause:
     nothing: dict[str, Any] = {"lines": "", "lacks": parts, "new": (), "fit": (), "doubts": ()}
     return Cause(parts=parts, words=parts, gain=bayes + 3.0, bayes=bayes, **nothing)

@@ -34,7 +34,13 @@ def swing(**record: list[float]) -> Posterior:
     return case.job.problem.posterior
 
 
-def hub(u: np.ndarray, p: dict[str, float], unknown: dict[str, Any], **offset: Any) -> Posterior:
+def hub(
+    u: np.ndarray,
+    p: dict[str, float],
+    unknown: dict[str, Any],
+    record: Mapping[str, Any] | None = None,
+    **offset: Any,
+) -> Posterior:
     """Return that of a motor under the voltage `u`, whose offset may be unknown."""
     friction = tuple(name for name in p if name == "t_c_hub")
     rig = bd.Train(inertias=("hub",), drives={"hub": "voltage"}, added=("c_hub", *friction))
@@ -44,7 +50,8 @@ def hub(u: np.ndarray, p: dict[str, float], unknown: dict[str, Any], **offset: A
         {"w_hub": bd.Channel(y, "rad/s", 0.02)},
         {"u_hub": bd.Input(u, "V", **offset)},
     )
-    return bd.case(T, channels, inputs, p | unknown, rig=rig).job.problem.posterior
+    case = bd.case(T, channels, inputs, p | unknown, rig=rig, record=record)
+    return case.job.problem.posterior
 
 
 HUB = {"j_hub": 0.05, "k_T_hub": 1.0, "r_hub": 1.0, "c_hub": 0.3}
@@ -106,6 +113,18 @@ def test_samples_that_a_candidate_hides_count_as_unexplained() -> None:
     share = (np.sum(residuals**2) + np.sum(unseen**2)) / np.sum((y - y.mean()) ** 2)
     assert counted.fit[0].share == pytest.approx(np.sqrt(share), rel=1e-3)
     assert counted.log_z < whole.log_z
+
+
+def test_hidden_samples_of_a_rig_at_rest_do_not_end_a_refit() -> None:
+    """They are noise about one value, far less than the spread of the channel."""
+    u = 5.0 * np.sign(np.sin(7.0 * T)) * (T > 0.5)
+    given, later = (hub(u, HUB, UNKNOWN, record) for record in ({}, {"window": [0.4, 2.0]}))
+    records, start = measured_samples(given.likelihood), given.space.start
+    top = refit(later, start, {}, records)
+    assert top.log_posterior == pytest.approx(refit(given, start).log_posterior, abs=10)
+    again = refit_candidate(later, start, top.log_posterior - 3.0, {}, records)
+    assert again is not None
+    assert (again.finished, again.values) == (True, top.values)
 
 
 def test_a_start_of_a_candidate_is_used() -> None:

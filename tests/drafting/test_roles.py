@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.signal
 from support.case_tables import run_cases
 from support.first_configs import RPM, draft_of, german_record, reversing_rig, write_table
 
@@ -53,6 +54,21 @@ def test_the_lag_of_a_twist_follows_from_the_motion_of_the_rotor(
     else:
         assert "lag" not in channels["twist"]
         assert "#   lag: {prior: uniform, low: 0, high: 25, unit: ms}" in draft["text"]
+
+
+@run_cases("head", ["theta_motor [rad]", "theta_motor"])
+def test_an_angle_tells_a_delay_and_whole_numbers_may_be_counts(head: str, tmp_path: Path) -> None:
+    """Five samples between the voltage and a motor of 60 ms."""
+    t, rng = 0.01 * np.arange(600), np.random.default_rng(3)
+    u = np.repeat(rng.choice([-3.0, 3.0], 30), 20)
+    slow = math.exp(-0.01 / 0.06)
+    w = scipy.signal.lfilter([8.0 * (1 - slow)], [1.0, -slow], np.append(np.zeros(6), u[:-6]))
+    theta = 0.01 * np.cumsum(w) + rng.normal(0, 2e-3, len(t))
+    counted = head == "theta_motor"
+    angle = np.round(4096 * theta / (2 * np.pi)) if counted else theta
+    draft = draft_of(write_table(tmp_path / "r.csv", {"t [s]": t, "u [V]": u, head: angle}))
+    assert "The speed follows about 50 ms late" in draft["words"]
+    assert ("All are whole numbers: if an encoder counts them" in draft["words"]) == counted
 
 
 def test_a_record_begins_moving_or_at_rest(tmp_path: Path) -> None:
