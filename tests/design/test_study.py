@@ -45,7 +45,7 @@ def test_the_heat_over_the_run_is_limited_and_used() -> None:
 def test_a_batch_of_experiments_is_sharper_than_a_repeated_one(tmp_path: Path) -> None:
     """Within short experiments one waveform cannot serve all targets, so that others complement it."""
     case = two()
-    numbers = {"high": 12.0, "hold": 0.5, "duration": 2.0, "draws": 1}
+    numbers = {"high": 12.0, "hold": 0.5, "duration": 2.0, "draws": 1, "limits": "w_1=:99"}
     designed = case.design(experiments=2, **numbers)
     single = case.design(**numbers).design
     criteria = designed.design.criteria
