@@ -13,7 +13,7 @@ from bayesdrill.analysis.identifiability.information import Information
 from bayesdrill.basics.errors import Issue
 from bayesdrill.basics.progress import SILENT, Silent
 from bayesdrill.campaigns import fits, records
-from bayesdrill.campaigns.draws import FittedRun
+from bayesdrill.campaigns.draws import MAX_DRAWS, FittedRun, evenly_spaced
 from bayesdrill.campaigns.fits import CheckedCampaign, Reference
 from bayesdrill.campaigns.runs import CampaignPlan, read_plan
 from bayesdrill.config.schema.config import IdentifySpec
@@ -175,3 +175,9 @@ def test_a_new_run_is_compared_with_the_unknowns_of_those_before(plan: CampaignP
     )
     assert [*digests] == ["run_1", "run_2", "run_3"]
     assert "has no unknown j_1" in problems[0].message
+
+
+def test_many_draws_are_thinned_evenly() -> None:
+    kept = evenly_spaced(2 * MAX_DRAWS)
+    assert (len(kept), kept[0], kept[-1]) == (MAX_DRAWS, 0, 2 * MAX_DRAWS - 1)
+    assert set(np.diff(kept)) <= {1, 2, 3}

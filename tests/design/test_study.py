@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from support.array_cases import NOMINAL, two
+from support.array_cases import BOX, NOMINAL, two
 
 import bayesdrill as bd
 from bayesdrill.tasks.design import coming_config
@@ -75,7 +75,7 @@ def test_the_coming_config_keeps_the_sensor_of_the_input() -> None:
 def test_a_batch_of_experiments_is_sharper_than_a_repeated_one(tmp_path: Path) -> None:
     """Within short experiments one waveform cannot serve all targets, so that others complement it."""
     case = two()
-    numbers = {"high": 12.0, "hold": 0.5, "duration": 2.0, "draws": 1}
+    numbers = {"high": 12.0, "hold": 0.5, "duration": 2.0, "draws": 1, "limits": "w_1=:99"}
     designed = case.design(experiments=2, **numbers)
     single = case.design(**numbers).design
     criteria = designed.design.criteria
@@ -97,3 +97,15 @@ def test_a_batch_of_experiments_is_sharper_than_a_repeated_one(tmp_path: Path) -
         (tmp_path / f"record_{number}.csv").write_text(text)
     coming = bd.load(tmp_path / "coming.yaml")
     assert [x.label for x in coming.job.problem.observations] == ["coming_1", "coming_2"]
+
+
+def test_friction_wants_coasts_or_reversals_rather_than_a_step() -> None:
+    """Viscous and dry friction differ in how they depend on the speed, which a step does not show."""
+    priors = dict.fromkeys(NOMINAL, "nominal") | {"t_f": 1e-6, "k_s": BOX, "c_m": BOX}
+    priors["t_cm"] = {"prior": "log_uniform", "low": 0.01, "high": 0.2}
+    case = two(parameters=priors)
+    designed = case.design(("t_cm", "c_m"), low=-12.0, high=12.0, hold=0.5, draws=2)
+    for target in designed.design.targets:
+        assert target.designed < 0.3 * target.after["step"], target.name
+    assert designed.levels.min() <= 0.0
+    assert np.ptp(designed.levels) >= 12.0

@@ -103,3 +103,5 @@ def test_a_fixed_covariance_is_that_of_one_rig_whatever_rig_the_residuals_are_of
     assert (same[0] == own[0]).all()
     assert (same[1] == same[0]).all()
     assert not np.allclose(own[1], own[0])
+    first, second = fixed.innovations(samples, two_rigs)
+    assert (first == second).all()

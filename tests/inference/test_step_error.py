@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.case_tables import run_cases
+from support.command_line import small_config
 from support.friction_cases import CASES, moved
 from support.scipy_oracles import NOMINAL
 from support.small_problems import posterior_of
@@ -143,3 +144,9 @@ def test_the_evidence_is_that_of_the_rig_and_not_of_its_steps() -> None:
     assert abs(log_z(dict(run(known=True).mode.pieces)) - true) > 0.03
     assert abs(evidence.log_z - true) < 2 * evidence.error < 0.1
     assert "for the error of its steps" in str(run(known=True))
+
+
+def test_steps_of_a_config_stay(tmp_path: Path) -> None:
+    model = ("inputs:", "model: {name: motor_shaft, pieces: 2}\ninputs:")
+    config = small_config(tmp_path, model, ("t_f: nominal", "t_f: nominal\n  t_cm: 0.01"))
+    assert steps_of(bd.load(config).job) == {}

@@ -21,8 +21,10 @@ from bayesdrill.analysis.identifiability.structure import (
     scaled_by_two,
     sparse_basis,
 )
-from bayesdrill.analysis.identifiability.study import prior_spreads
+from bayesdrill.analysis.identifiability.study import prior_spreads, study_of
+from bayesdrill.config.schema.config import IdentifySpec
 from bayesdrill.inference.posterior import Posterior
+from bayesdrill.report.sections.identifiability import dependence_sentences
 
 # Slopes by a, b, c at some points, where the record shows a + b and c.
 SUMS = [
@@ -146,3 +148,13 @@ def test_a_held_number_that_the_record_hardly_shows_leaves_its_scale_to_priors()
     for sd in (3.0, 0.03):
         share = dependence(sd).following[0] @ [-1.0, 1.0, 0.0] / -1.0
         assert share == pytest.approx(0.3**-2 / (0.3**-2 + sd**-2), abs=0.01)
+
+
+def test_a_record_too_noisy_for_the_inductance_depends_on_the_prior_of_the_resistance() -> None:
+    sigma = 100.0 * SIGMA
+    target = posterior(noisy_step(sigma), sigma, free=("j_m", "k_e", "k_T", "r_m"))
+    theta = target.space.vector(target.space.start)
+    known = SensitivityStudy(target.likelihood)
+    text = dependence_sentences(study_of(known, target, theta, IdentifySpec(), 0))
+    assert "depend on the prior" in text
+    assert "more than on the record, which hardly shows l_m." in text

@@ -118,10 +118,14 @@ def test_numbers_of_other_files_are_never_read(
 
 @run_cases(
     "columns, message",
-    [({"t": T[:0], "w": W[:0]}, "column 'w' of run.parquet is empty"), ({}, "no column 'w'")],
+    [
+        ({"t": T[:0], "w": W[:0]}, "column 'w' of run.parquet is empty"),
+        ({}, "no column 'w'"),
+        ({"w": [[1.0], [2.0, 3.0]]}, "has lists of different lengths"),
+    ],
 )
-def test_parquet_without_rows_is_refused(
-    columns: dict[str, np.ndarray], message: str, tmp_path: Path
+def test_parquet_without_numbers_is_refused(
+    columns: dict[str, Any], message: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "run.parquet"
     parquet.write_table(pyarrow.table(columns), path)

@@ -1,6 +1,7 @@
 """A missing torque against covariances of all samples, which `missing_torque_oracle` types in anew."""
 
 import dataclasses
+import pickle
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,7 @@ def made(
     at: TorqueLocation, smooth: Smoothness, one: Experiment
 ) -> tuple[KalmanFilter, missing_torque_oracle.Process, Array]:
     found = KalmanFilter(MotorShaft(), MissingTorque(at=at, smoothness=smooth), one)
+    found = pickle.loads(pickle.dumps(found))  # as workers have it
     of = missing_torque_oracle.process(P, at, smooth, SIZE, TIME)
     return found, of, weights(one, len(found.torque.states))
 
