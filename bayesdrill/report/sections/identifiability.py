@@ -134,7 +134,7 @@ def dependence_sentences(study: IdentifiabilityStudy) -> str:
     for dependence in study.resting:
         verb = "depends" if len(dependence.unknown) == 1 else "depend"
         through = listed(dependence.through)
-        why = f"{through}, which the config holds. If that is wrong, they are wrong too"
+        why = f"{through}, which the config holds. Errors of the latter become errors of the former"
         if priors := dependence.priors((dependence.narrowest,), (1,)):
             why = f"{priors_of(priors)} more than on the record, which hardly shows {through}"
         lines.append(

@@ -266,8 +266,8 @@ def run_verdict(run: ReportContext) -> str:
 
 
 _HOLDS = (
-    "which the config holds fixed. If that is wrong by some factor, they are wrong too, and the fit is "
-    "as good. A prior in its place shows what the record alone determines"
+    "which the config holds fixed. An error of the latter becomes an error of the former, and the fit "
+    "is as good. With a prior instead, a run shows what the record alone determines"
 )
 _LEANS = "as the record alone determines little more than ratios"
 

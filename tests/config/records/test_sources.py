@@ -93,7 +93,7 @@ def test_filtered_samples_stay_at_their_times(tmp_path: Path) -> None:
     (note,) = experiment.told
     taps = clocks.filter_length(10)
     assert f"zero-phase FIR of {taps} samples, half of the amplitude at 40 Hz" in note
-    assert "took away (sd) 0.14" in note
+    assert "removed (sd) 0.14" in note
 
 
 def test_inputs_stay_at_every_time_when_channels_are_decimated(tmp_path: Path) -> None:
