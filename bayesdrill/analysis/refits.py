@@ -89,11 +89,13 @@ class CountingDensity(LogDensity):
 
 
 def measured_samples(likelihood: Likelihood) -> dict[tuple[str, str], Array]:
-    """Return all measured samples `(n,)` by experiment and channel."""
+    """Return all measured samples `(n,)` by experiment and channel, in the units of their columns."""
     return {
-        (observation.label, name): y[~np.isnan(y)]
+        (observation.label, channel.name): y[~np.isnan(y)] / channel.factor
         for observation in likelihood.observations
-        for name, y in zip(observation.experiment.names, observation.experiment.y.T, strict=True)
+        for channel, y in zip(
+            observation.experiment.channels, observation.experiment.y.T, strict=True
+        )
     }
 
 
@@ -249,17 +251,22 @@ def _hidden(
 ) -> tuple[float, dict[tuple[str, str], Array]]:
     """Return the log density of samples of the `records` that a candidate leaves out, and squares.
 
-    Samples at the beginning may show a rig that is held: one value with the noise at `theta (D,)`.
-    For each experiment and channel, squares are summed over kept, left out, and all samples.
+    Densities are those of numbers in the file, so that another unit of a column gains nothing by
+    itself.  Samples at the beginning may show a rig that is held: one value with the noise at
+    `theta (D,)`.  For each experiment and channel, squares are summed over kept, left out, and all
+    samples.
     """
     log_density, squares = 0.0, dict[tuple[str, str], Array]()
-    sigmas = dict[tuple[str, str], float]()
-    if theta is not None:
-        for observation in likelihood.observations:
+    sigmas, factors = dict[tuple[str, str], float](), dict[tuple[str, str], float]()
+    for observation in likelihood.observations:
+        channels = observation.experiment.channels
+        factors |= {(observation.label, channel.name): channel.factor for channel in channels}
+        if theta is not None:
             scales = observation.scales(theta[None])[0].tolist()
-            pairs = zip(observation.experiment.names, scales, strict=True)
-            sigmas |= {(observation.label, name): sigma for name, sigma in pairs}
+            pairs = zip(channels, scales, strict=True)
+            sigmas |= {(observation.label, c.name): sigma / c.factor for c, sigma in pairs}
     for place, y in measured_samples(likelihood).items():
+        log_density += len(y) * math.log(factors[place])
         given = records.get(place, y)
         count, variance = len(given) - len(y), float(given.var())
         if count <= 0 or variance == 0.0:

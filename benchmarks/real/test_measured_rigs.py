@@ -406,16 +406,23 @@ HELD_INERTIA = ("J_M", "nominal")
 @simulated
 @run_cases("name", ["square", "sweep", "slow"])
 def test_the_offset_of_the_supply_and_both_frictions_are_named(name: str, tmp_path: Path) -> None:
-    """Rotor 1 has a friction of 12e-3 N m at rest, and 6e-3 N m in motion."""
+    """Rotor 1 has a friction of 12e-3 N m at rest, and 6e-3 N m in motion.
+
+    Frictions of motor and rotor may be parts of their own, or one that is called after both.
+    """
     changes = (WHOLE_RECORD, UNKNOWN_INERTIA)
     causes = causes_of(frictionless(tmp_path, name, ("0.05", "0.03"), "", *changes))
     assert causes is not None
     assert max(row.rms for row in causes.given) > 100
-    assert {"friction_both", "offset_v"} <= {*causes.best.parts}
     sizes = {size.name: size.value for size in causes.best.new}
+    assert {"offset_v", "t_cm", "t_c1"} <= {*sizes}
     assert sizes["offset_v"] == pytest.approx(TRUTH["offset_v"], abs=0.002)
     assert sizes["t_cm"] == pytest.approx(TRUTH["t_cm"], rel=0.15)
-    assert TRUTH["t_c1"] < 1.05 * sizes["t_c1"] < 2.2 * TRUTH["t_c1"]
+    if "t_s1" in sizes:
+        assert sizes["t_c1"] == pytest.approx(TRUTH["t_c1"], rel=0.05)
+        assert sizes["t_s1"] == pytest.approx(TRUTH["t_s1"], rel=0.05)
+    else:  # one friction stands for both
+        assert TRUTH["t_c1"] < 1.05 * sizes["t_c1"] < 2.2 * TRUTH["t_c1"]
     assert max(row.rms for row in causes.best.fit) < 5
 
 

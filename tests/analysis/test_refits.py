@@ -50,7 +50,7 @@ def hub(
         {"w_hub": bd.Channel(y, "rad/s", 0.02)},
         {"u_hub": bd.Input(u, "V", **offset)},
     )
-    case = bd.case(T, channels, inputs, p | unknown, rig=rig, record=record)
+    case = bd.case(T, channels, inputs, p | unknown, rig=rig, record=record or {})
     return case.job.problem.posterior
 
 
@@ -113,6 +113,25 @@ def test_samples_that_a_candidate_hides_count_as_unexplained() -> None:
     share = (np.sum(residuals**2) + np.sum(unseen**2)) / np.sum((y - y.mean()) ** 2)
     assert counted.fit[0].share == pytest.approx(np.sqrt(share), rel=1e-3)
     assert counted.log_z < whole.log_z
+
+
+def test_another_unit_of_a_channel_gains_no_evidence_by_itself() -> None:
+    """The noise of a motor that stands still is as probable in rad/s as in rpm, by its numbers."""
+    noise = np.random.default_rng(4).standard_normal(len(T))
+    sigma = {"prior": "log_uniform", "low": 0.01, "high": 100}
+    rig = bd.Train(inertias=("hub",), drives={"hub": "voltage"}, added=("c_hub",))
+    cases = (
+        bd.case(
+            T,
+            {"w_hub": bd.Channel(noise, unit, sigma=sigma)},
+            {"u_hub": bd.Input(np.zeros(len(T)), "V")},
+            HUB | {"c_hub": FREE},
+            rig=rig,
+        )
+        for unit in ("rad/s", "rpm")
+    )
+    first, other = (refit(case.job.problem.posterior) for case in cases)
+    assert other.log_z == pytest.approx(first.log_z, abs=1e-6)
 
 
 def test_hidden_samples_of_a_rig_at_rest_do_not_end_a_refit() -> None:
