@@ -13,8 +13,8 @@ from bayesdrill.inference.laplace import LogDensity, QuadraticModel
 MAX_STEP = 3.0  # longest step in priors' spreads, for which the quadratic model holds
 INITIAL_DAMPING = 0.1  # over the priors' precision, so that only loose directions are damped
 DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # factors on the damping, all of which are tried
-CORRECTED_TRIALS = 2  # number of trials, the first ones, that are returned to a curved ridge
-TIGHT_DAMPING = 100.0  # damping on the way back, over the priors' precision: loose directions stay
+CORRECTED_TRIALS = 2  # how many trials, from the first, are corrected back onto a curved ridge
+TIGHT_DAMPING = 100.0  # damping of that correction, over priors' precision: loose directions stay
 MAX_CORRECTIONS = 3  # steps back to a curved ridge, after a step along it
 SETTLED_GAIN = 1e-3  # a lower maximum is known well enough if another step gains less
 MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a point that needs more damping has arrived
