@@ -104,8 +104,7 @@ def test_a_differenced_column_and_one_bad_sample_are_noticed() -> None:
 
 
 @run_cases(
-    "rms, kind, believed",
-    [(0.3, "smaller", True), (1.4, "larger", True), (1.6, "larger", False)],
+    "rms, kind, believed", [(0.3, "smaller", True), (1.4, "larger", True), (1.6, "larger", False)]
 )
 def test_residuals_of_a_wrong_sigma_are_named_and_far_too_large_ones_not_believed(
     rms: float, kind: str, believed: bool

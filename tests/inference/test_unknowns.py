@@ -10,12 +10,7 @@ from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 from support.small_problems import vector, with_priors
 
-from bayesdrill.inference.priors import (
-    LogNormal,
-    Prior,
-    TruncatedNormal,
-    Uniform,
-)
+from bayesdrill.inference.priors import LogNormal, Prior, TruncatedNormal, Uniform
 from bayesdrill.inference.unknowns import Coordinates, ParameterSpace
 
 RNG = np.random.default_rng(4)

@@ -15,17 +15,8 @@ SOURCES = "".join(
     for path in (PACKAGE / room).rglob("*.py")
     if path != PACKAGE / "report" / "findings.py"
 )
-PHRASES = {
-    "draws",
-    "late",
-    "often",
-    "mostly",
-    "counted",
-    "places",
-    "reason",
-    "seen",
-    "cure",
-}  # which the numbers of a finding make
+# Places that code fills with a phrase, made of the numbers of a finding.
+PHRASES = {"draws", "late", "often", "mostly", "counted", "places", "reason", "seen", "cure"}
 
 
 @run_cases("kind", SENTENCES)

@@ -10,8 +10,7 @@ from bayesdrill.report import scales
 
 
 @given(
-    st.floats(-1e6, 1e6).filter(lambda x: abs(x) > 1e-7),
-    st.floats(-9, 1).map(lambda e: 10.0**e),
+    st.floats(-1e6, 1e6).filter(lambda x: abs(x) > 1e-7), st.floats(-9, 1).map(lambda e: 10.0**e)
 )
 def test_ticks_are_few_distinct_and_true(middle: float, width: float) -> None:
     low, high = middle - 0.5 * width * abs(middle), middle + 0.5 * width * abs(middle)

@@ -39,10 +39,7 @@ def test_the_warning_says_what_is_wrong_with_the_residuals() -> None:
 
 
 def test_maxima_are_named_by_their_places_or_said_to_be_close() -> None:
-    cases = [
-        (2.5, "the one at k_s 2.5"),
-        (2.001, "within 1% of each other in every unknown"),
-    ]
+    cases = [(2.5, "the one at k_s 2.5"), (2.001, "within 1% of each other in every unknown")]
 
     def check(elsewhere: float, said: str) -> None:
         other = LocalMaximum(values={"k_s": elsewhere, "j_1": 3.0}, log_posterior=-1.0)

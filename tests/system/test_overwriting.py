@@ -97,10 +97,7 @@ def test_an_output_is_never_a_file_that_a_command_reads(command: str, home: Path
     "command, names",
     [
         ("map", ["map.csv", "prediction.csv", "report.html", "config.yaml"]),
-        (
-            "posterior",
-            ["summary.csv", "chain.h5", "figures/corner.png", ".pieces/ensemble_1_1.h5"],
-        ),
+        ("posterior", ["summary.csv", "chain.h5", "figures/corner.png", ".pieces/ensemble_1_1.h5"]),
         ("calibrate", ["ranks.csv", ".refits/000001.json", "summary.md"]),
         ("ladder", ["comparison.csv", "recommended.yaml", "model_1/summary.csv"]),
         ("identify", ["figures/spectrum.png", "identify.md"]),

@@ -11,12 +11,7 @@ from support.linear_oracle import ExactMotion
 from support.scipy_oracles import ORDER, skewed
 from support.small_problems import experiment, vector
 
-from bayesdrill.rig.compression.basis import (
-    BLOCK,
-    CompressionError,
-    basis_of,
-    choose_basis,
-)
+from bayesdrill.rig.compression.basis import BLOCK, CompressionError, basis_of, choose_basis
 from bayesdrill.rig.compression.simulator import CompressedSimulator, compress, even_record
 from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
 from bayesdrill.rig.models.train import Train

@@ -7,12 +7,7 @@ import numpy as np
 from llvmlite import ir
 from support.case_tables import run_cases
 
-from bayesdrill.rig.kernels.compiling import (
-    PIECE,
-    link_code,
-    machine_code,
-    rows_of_walkers,
-)
+from bayesdrill.rig.kernels.compiling import PIECE, link_code, machine_code, rows_of_walkers
 from bayesdrill.rig.kernels.lanes import LANES
 
 MANY = 20
