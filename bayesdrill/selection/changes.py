@@ -412,13 +412,8 @@ class Setting:
     def _dry(self, name: str, words: str, sizes: Mapping[str, float]) -> Change:
         """Return dry frictions that may be larger than their `sizes`, and are sought below these."""
         priors = {friction: uniform(HOLDING * size) for friction, size in sizes.items()}
-        starts = tuple(
-            {
-                friction: size * share
-                for (friction, size), share in zip(sizes.items(), shares, strict=True)
-            }
-            for shares in itertools.product(SLIDING_SHARES, repeat=len(sizes))
-        )
+        places = ([(name, size * x) for x in SLIDING_SHARES] for name, size in sizes.items())
+        starts = tuple(dict(place) for place in itertools.product(*places))
         return replace(_physics(name, words, priors), starts=starts)
 
     def _at_rest(self, i: InertiaRoles) -> Iterator[Change]:
