@@ -282,7 +282,8 @@ def test_an_offset_and_dry_friction_of_a_motor_that_turns_one_way_are_not_recomm
     columns = ("t=t [s]", "u=u_motor [V]", "y=w_motor [deg/s]")
     bd.init(tmp_path / "motor.csv", output=tmp_path / "motor.yaml", columns=columns)
     causes = causes_of(bd.load(tmp_path / "motor.yaml"))
-    assert causes.best.parts in {("offset_w_motor",), ("offset_u_motor",), ("friction_motor",)}
+    explaining = {"offset_w_motor", "offset_u_motor", "friction_motor"}
+    assert len(explaining & {*causes.best.parts}) == 1
     (both,) = (c for c in causes.ranked if {*c.parts} == {"offset_w_motor", "offset_u_motor"})
     assert ("alike", {*both.words}) in [(each.kind, {*each.said_of}) for each in both.doubts]
 
