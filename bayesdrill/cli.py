@@ -290,7 +290,7 @@ def design(
     ] = None,
     force: Annotated[bool, option("Overwrite a design.", "--force")] = False,
 ) -> None:
-    """Design the next experiment: the most informative waveform within limits, and its accuracy."""
+    """Design the next experiment: the best waveform within limits, and the sds that it promises."""
     planner = bd.open(source) if source.is_dir() else _read(source)
     if output is not None:
         planner.check_design_place(output, force=force)

@@ -68,7 +68,7 @@ LEVEL_BISECTIONS = 40  # number of bisections by which the pointwise level is fo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankBand:
-    """A band limits how many of `n` uniform ranks are below `shares (L,)`, to `low` to `high (L,)`.
+    """A band has limits `low` and `high (L,)` for the number of `n` uniform ranks below `shares (L,)`.
 
     Uniform ranks leave the band with the exact probability `false_alarm`.
     """

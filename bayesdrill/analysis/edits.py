@@ -26,7 +26,7 @@ ZERO = np.zeros(1)
 
 @dataclass(frozen=True, slots=True)
 class Lack:
-    """A lack is an effect that a rig may not have; `dry` friction changes its sign."""
+    """A lack is an effect that a rig may lack; `dry` friction changes its sign with the speed."""
 
     name: str
     parameter: str

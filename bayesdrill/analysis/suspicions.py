@@ -43,9 +43,8 @@ NEAR_START_FACTOR = 0.2  # the same between a channel and its prediction by the 
 # Largest ratio, in either direction, of a channel's size to its prediction by a usual start.
 FAR_FROM_START, PREFIX = 20.0, 1000.0
 NEAR_MISFIT = 0.02  # mean square of residuals near a record, over that of the channels
-MAX_LOG_SD = (
-    1.5  # sd of the log of a prior (two decades); the middle of a wider one predicts nothing
-)
+# Largest sd of the log of a prior (two decades): the middle of a wider one predicts nothing.
+MAX_LOG_SD = 1.5
 FEW, ALL = 3, 50  # number of places of an anomaly in a report, and in the output of `check`
 
 

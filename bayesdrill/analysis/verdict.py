@@ -267,9 +267,8 @@ def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponent
     simple = simple[~simple[:, [name not in among for name in study.names]].any(axis=1)]
     simple = simple[np.isfinite(study.information.bounds_of(simple))]
     before = np.array([parameter.prior_sd for parameter in study.parameters])
-    best = products(
-        study.information, before, simple, IdentifySpec()
-    )  # any thresholds, as the words are not used
+    # Any thresholds serve, as the words of these products are not used.
+    best = products(study.information, before, simple, IdentifySpec())
     selected = [product.exponents for product in best if product.price < 1.0]
     for exponents in study.structure.invariants_of(among):
         if np.linalg.matrix_rank(np.array([*selected, exponents], dtype=float)) > len(selected):

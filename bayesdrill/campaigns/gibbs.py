@@ -144,10 +144,8 @@ def choose(data: RunArrays, state: GibbsState, rng: np.random.Generator) -> tupl
     for start in range(0, n_runs, size):
         part = slice(start, start + size)
         variance, axes = np.linalg.eigh(state.root.T @ data.covariances[part] @ state.root)
-        variance, axes = (
-            np.maximum(variance, 0.0),
-            state.root @ axes,
-        )  # rounding may make it negative
+        # Rounding may make a variance negative.
+        variance, axes = np.maximum(variance, 0.0), state.root @ axes
         apart = ((data.means[part] - centres[part, None])[..., None, :] @ axes)[..., 0, :]
         total = variance[..., None, :] + 1.0 / nodes[:, None]
         log_p = -0.5 * (apart[..., None, :] ** 2 / total + np.log(total)).sum(axis=-1)

@@ -242,7 +242,7 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
         ends["N*m/rad"] = (1e-2 * j / duration**2, far * j / dt**2)
     ends |= {LINEAR[unit]: pair for unit, pair in ends.items() if unit in LINEAR}
     return ends, (
-        f"reach as far as the record's largest {known} allow{more}. "
+        f"reach as far as the largest values of the record allow ({known}){more}. "
         "Write a number for a parameter that you have weighed or measured"
     )
 

@@ -249,15 +249,11 @@ def input_lines(context: DraftContext) -> list[str]:
     files = [record.file_of(sensor) for record, sensor in pairs] or context.records
     step = max(file.segment.dt for file in files)
     after = max(start.max_delay for start in starts) * step
-    doubt = (
-        "the time at which inputs act is an unknown: it is known to one sample at best, and half a "
-    )
-    doubt += "sample shifts inertias by many standard deviations"
+    doubt = "the time at which inputs act is an unknown: it is known to one sample at best, and "
+    doubt += "half a sample shifts inertias by many standard deviations"
     if dead := max(start.dead for start in starts):
-        doubt += (
-            f". The speed follows about {1e3 * dead * step:.3g} ms late. `bayesdrill map` says "
-        )
-        doubt += "whether a delay and a time constant can be distinguished"
+        doubt += f". The speed follows about {1e3 * dead * step:.3g} ms late. `bayesdrill map` "
+        doubt += "says whether a delay and a time constant can be distinguished"
     entry = f"  t_0: {{prior: uniform, low: {-step:.4g}, high: {after:.4g}}}    # s"
     return [*lines, *review([doubt], 2), entry]
 

@@ -84,9 +84,7 @@ def assign_roles(
             doubt = f"{sources} turn as {abs(ratio):.4g}:1 by their units; check them, or the gear"
     elif math.isnan(ratio):
         doubt = "no two columns show the gear, so it is taken as 1:1"
-        doubt += (
-            ". Parameters of the motor are then those behind the gear. Use `--gear 14` for 14:1"
-        )
+        doubt += ". The motor's parameters are then those behind it. Use `--gear 14` for 14:1"
     else:
         value = abs(ratio)
         doubt = f"the gear ratio is not stated; {sources} turn as {value:.5g}:1"

@@ -204,10 +204,7 @@ def _with_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> Sensor:
                 return sensor.revised(unit=other.unit, doubt=doubt)
     unit, reason = _guess_unit(sensor, sensors, dt)
     if sensor.kind == "angle" and np.array_equal(sensor.raw.x, np.round(sensor.raw.x)):
-        reason += (
-            ". All are whole numbers: if an encoder counts them, the unit is count/4096 with its "
-        )
-        reason += "counts per turn"
+        reason += ". All are whole numbers: if an encoder counts them, write count/N for N a turn"
     return sensor.revised(unit=unit, doubt=f"no unit is stated; {unit}, {reason}", guessed=True)
 
 

@@ -256,4 +256,4 @@ def _misfit(problem: Problem) -> str:
     if any(observation.unknowns for observation in likelihood.observations):
         return ""
     mean_square = likelihood.mean_square(space.vector(space.start)[None])[0]
-    return f"; mean squared residual {mean_square:.4g} (1 where only noise is left)"
+    return f"; mean square of residuals over sigma {mean_square:.4g} (1 if only noise is left)"

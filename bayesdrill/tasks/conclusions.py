@@ -59,8 +59,9 @@ def concluded(
 ) -> ReportContext:
     """Return the context of a run's report, which evaluates each conclusion at first use.
 
-    `scenery` is that of the job's likelihood, if it exists already.  With `alone`, no other model
-    of the record is tried.  `explained` has the causes of a bad fit, if they are sought already.
+    `scenery` is that of the job's likelihood, if it exists already.  If the run is `alone`, not one
+    of several candidates, other rigs are tried before a table is blamed.  `explained` has the causes
+    of a bad fit, if they are sought already.
     """
     job = run.job
     chain = RunDraws(job.problem, run.mode, run.sampled, job.config.seed)

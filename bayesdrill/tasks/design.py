@@ -225,7 +225,8 @@ def coming_config(job: Job, design: ExperimentDesign) -> str:
     data["name"] = f"{job.config.name}_designed"
     about = (
         f"# Measure {WAVEFORM} at {source.rate:g} Hz into {', '.join(records)}, with the columns\n"
-        f"# t, {source.input}, {', '.join(channels)}; then run `bayesdrill posterior {COMING}`.\n"
+        f"# t, {source.input} [{inputs[source.input]['unit']}], {', '.join(channels)}; "
+        f"then run `bayesdrill posterior {COMING}`.\n"
         f"# Until then no command can use this config; {DESIGN.mark} has the expected record.\n"
     )
     if len(job.case.experiments) > 1:

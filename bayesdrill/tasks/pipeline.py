@@ -21,6 +21,7 @@ from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
+from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import details, screen
@@ -140,11 +141,10 @@ def _run(
         left = residuals(job, mode)
         if misfit := find_map.misfit(left, job.problem.clock):
             report.say(misfit)
-        fits = all(channel.like_noise for channel in left)
+        fits = like_noise(left)
         submit = pool.submit_function if pool.in_process else threads.submit
-        explained = submit(
-            causes, job, mode, left, pool.submit_function, SILENT if fits else report
-        )
+        said = SILENT if fits and not pool.in_process else report
+        explained = submit(causes, job, mode, left, pool.submit_function, said)
         if not fits:  # what explains a bad fit is said before it is sampled
             _say_causes(explained, report)
         pool.set_steps(mode.pieces)
@@ -155,11 +155,11 @@ def _run(
         # Workers draw while this process computes the evidence.
         view = concluded(SampledRun(job, mode, sampled), study, explained=explained)
         figures = publish.begin_figures(view, folder, pool, report)
-        if fits:
-            _say_causes(explained, report)
         sampled = weigh(pool, sampled, find_map.fit_plan(job), report)
         clock.append(time.perf_counter())
         _finish_chain(job, folder, sampled)
+        if fits:
+            _say_causes(explained, report)
         searching, sampling = (round(end - start, 3) for start, end in pairwise(clock))
         seconds = {"map": searching, "sampling": sampling}
         run = SampledRun(job, mode, sampled)

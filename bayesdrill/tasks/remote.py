@@ -98,9 +98,7 @@ def _check_answers(scheduler: str) -> None:
     try:
         asyncio.run(identity())
     except Exception as error:  # another server at this address may answer anything
-        text = (
-            str(error).partition("\n")[0] if isinstance(error, OSError) else "another server does"
-        )
+        text = str(error).partition("\n")[0] if isinstance(error, OSError) else "another program"
         reason = text or f"nothing in {PATIENCE:g} s"
         message = f"no scheduler answers at {scheduler} ({reason}); start one with `dask scheduler`"
         raise InputError.at("--scheduler", message) from None

@@ -78,7 +78,7 @@ def test_a_run_that_has_seen_what_another_holds_out_is_of_another_record(runs: P
     result = cli("compare", runs / "given", runs / "whole", "-o", runs / "out")
     message = "this run has another record, but odds compare models of one record"
     assert_refused(result, f"{runs / 'whole'}: {message}")
-    assert_refused(result, "with `bayesdrill report`. The record is 101 samples")
+    assert_refused(result, "by `bayesdrill report`. The record is 101 samples")
     assert_refused(result, ", some samples held out in ")
     assert not (runs / "out").exists()
     assert evidence(runs / "whole") > evidence(runs / "given")

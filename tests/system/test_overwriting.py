@@ -168,6 +168,7 @@ def test_identify_replaces_no_file_of_others_and_writes_through_no_link(
         message = "was not written by" if option else f"{name}: exists already"
         command = ("identify", config, "-o", tmp_path / name, *option.split())
         assert_refused_unchanged(tmp_path, message, *command)
+    (tmp_path / "pictures").mkdir()
     (tmp_path / "linked").mkdir()
     (tmp_path / "linked" / "figures").symlink_to("../pictures")
     for target, message in (

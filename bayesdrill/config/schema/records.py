@@ -318,7 +318,7 @@ class Initial(NamedSection):
     """Time [s]; default: 0 with constant inputs, the first sample with measured ones."""
     state: Literal["given", "steady", "free"] = Field(
         "given",
-        description="Other states. given: zero; steady: the rig turns steadily "
+        description="States that are not named. given: zero; steady: the rig turns steadily "
         "under the first inputs; free: unknown, with priors as wide as the channels.",
     )
 

@@ -32,9 +32,7 @@ BLOCKS = {
     "out": VECTORS,  # (G, planes, T, K); (G, K, n) sums; or (G, K + (1 + q)^2), see `_add_products`
 }
 SCRATCH = ("table", "states", "rungs", "planes", "last residuals", "trace")
-SCALES = (
-    3  # number of scales of the residuals of a channel, see `simulators.contract.whitening_scales`
-)
+SCALES = 3  # scales of a channel's residuals, see `simulators.contract.whitening_scales`
 ROWS = 64  # samples of a chunk
 JOINED = 4  # samples per step of large matrices; it divides ROWS
 
