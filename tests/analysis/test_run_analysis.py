@@ -1,10 +1,15 @@
 """Runs whose unknowns are determined only as far as their residuals are not correlated."""
 
+import json
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
+from support import command_line
+from support.command_line import CONFIGS
 from support.missing_physics import ar1
+from support.unexplained_records import try_only
 
 import bayesdrill as bd
 from bayesdrill.report.publish import drawings
@@ -86,3 +91,25 @@ def test_a_run_is_believed_whose_sandwich_sds_determine_as_well() -> None:
         assert {row.word for row in believed.analysis.unknowns} == {"determined"}
         assert "determined: j_m, c_m" in believed.judge().text
     assert "Sandwich sds in the report of a posterior allow for it" in wide.judge().text
+
+
+def test_commands_end_with_status_3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    try_only({"offset_w_2"}, monkeypatch)
+    rows = np.stack([T, record(RHO), V], axis=-1)
+    config, folder = tmp_path / "c.yaml", tmp_path / "out"
+    np.savetxt(tmp_path / "r.csv", rows, delimiter=",", header="t,w,v", comments="")
+    config.write_text((CONFIGS / "motor.yaml").read_text(encoding="utf-8"))
+    posterior = command_line.cli("posterior", config, "-o", folder, "--processes", "1")
+    assert posterior.status == 3, posterior.text
+    assert "the record does not determine c_m" in posterior.out
+    analysis = json.loads((folder / "run.json").read_text())["analysis"]
+    summary = (folder / "summary.md").read_text(encoding="utf-8")
+    assert "sd if residuals remember (sandwich)" in summary
+    for row in analysis["unknowns"]:
+        assert f"{analysis['sandwich'][row['name']] / row['sd']:.3g}" in summary
+    for status, *arguments in (
+        (3, "identify", config, "--at-map"),
+        (0, "identify", config),
+    ):
+        result = command_line.cli(*arguments)
+        assert result.status == status, result.text

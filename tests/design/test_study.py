@@ -1,11 +1,13 @@
 """Designs keep their limits, and batches of experiments complement each other."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from support.array_cases import BOX, NOMINAL, two
+from support.command_line import ROOT
 
 import bayesdrill as bd
 from bayesdrill.tasks.design import coming_config
@@ -109,3 +111,19 @@ def test_friction_wants_coasts_or_reversals_rather_than_a_step() -> None:
         assert target.designed < 0.3 * target.after["step"], target.name
     assert designed.levels.min() <= 0.0
     assert np.ptp(designed.levels) >= 12.0
+
+
+def test_the_promise_for_the_bundled_record_is_what_its_published_run_has() -> None:
+    """`k_e` depends by a curve on `c_m`, which stays between the ends of its prior."""
+    published = {}
+    for table in ("summary.csv", "derived.csv"):
+        with (ROOT / "results/published/nominal_step" / table).open(encoding="utf-8") as file:
+            rows = csv.DictReader(file)
+            published |= {row["name"]: float(row["sd"]) / abs(float(row["mean"])) for row in rows}
+    case = bd.load("configs/nominal_step.yaml")
+    formulas = {"k_s_over_j_1": "k_s/j_1", "k_T_over_r_m_k_s": "k_T/(r_m*k_s)"}
+    formulas |= {"j_m_over_k_s": "j_m/k_s", "k_e": "k_e"}
+    designed = case.design([*formulas.values()], hold=1.0, family="step", draws=1)
+    for (name, formula), target in zip(formulas.items(), designed.design.targets, strict=True):
+        assert target.name == formula
+        assert abs(target.after["as recorded"] / published[name] - 1.0) < 0.05, formula

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from support import two_experiments
 from support.case_tables import run_cases
-from support.missing_torque_cases import posterior_with_torque
+from support.missing_torque_cases import SIZE, TIME, posterior_with_torque
+from support.missing_torque_oracle import covariance, process
+from support.scipy_oracles import NOMINAL
 
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.residual_checks import residual_summaries
 
 # --- two experiments with sensors and starts of their own -------------------------------------------
 
@@ -105,3 +108,23 @@ def test_a_fixed_covariance_is_that_of_one_rig_whatever_rig_the_residuals_are_of
     assert not np.allclose(own[1], own[0])
     first, second = fixed.innovations(samples, two_rigs)
     assert (first == second).all()
+
+
+def test_predictions_one_step_ahead_are_those_of_the_covariance_of_all_samples() -> None:
+    target, theta = with_torque()
+    observation = target.likelihood.only_observation
+    experiment = observation.experiment
+    summaries = residual_summaries(target.likelihood, theta)
+    residuals = experiment.y - observation.signals(target.space.full(theta[None]))[0]
+    states = process(NOMINAL, "rotor_1", "3/2", SIZE, TIME)
+    weights = np.zeros((2, len(states[0])))
+    weights[0, 0] = weights[1, 2] = 1.0
+    joint = covariance(states, weights, np.array([0.1, 0.2]), experiment.t, experiment.t_start)
+    lower = np.linalg.cholesky(joint)
+    white = np.linalg.solve(lower, residuals.ravel())
+    ahead = (white * np.diag(lower)).reshape(-1, 2)[:, 0]  # the second channel knows the first
+    expected = np.sqrt(np.mean(ahead**2)) / experiment.y[:, 0].std()
+    assert summaries[0].ahead == pytest.approx(expected, rel=1e-6)
+    for channel in summaries:
+        assert channel.ahead < channel.simulated
+        assert channel.share < channel.ahead

@@ -42,12 +42,12 @@ def problem() -> tuple[Posterior, np.ndarray, LearnedProposal]:
     return target, maximum, prepare(WorkerPool(target, 1), maximum, 1)
 
 
-def visited(moves: dict[str, float]) -> list[set[bytes]]:
+def visited(moves: dict[str, float], seed: int = 1) -> list[set[bytes]]:
     """Of two ensembles that make a few steps, every place where a walker has been."""
     target, maxima, _ = problem()
     targets = Targets(r_hat=1.01, n_tau=50, ess=1000)
     plan = Plan(
-        ensembles=2, walkers=WALKERS, moves=moves, targets=targets, max_steps=12, seed=1
+        ensembles=2, walkers=WALKERS, moves=moves, targets=targets, max_steps=12, seed=seed
     )  # fmt: skip
     result = sample(WorkerPool(target, 1), maxima, plan, MemoryBackend(), Silent())
     chains = [np.concatenate([segment.z for segment in chain]) for chain in result.segments]
@@ -199,3 +199,11 @@ def test_a_run_that_was_cut_is_given_up_at_the_same_step(kept: tuple[int, int]) 
     assert again.convergence.steps == result.convergence.steps
     assert again.convergence.reasons == result.convergence.reasons
     assert np.array_equal(again.theta, result.theta)
+
+
+def test_the_same_seed_starts_and_walks_alike_and_another_does_not() -> None:
+    assert np.array_equal(begin(3, 1).z, begin(3, 1).z)
+    assert not np.isin(begin(3, 1).z, begin(4, 1).z).any()
+    run, again, other = (visited(ALL_MOVES, seed) for seed in (1, 1, 2))
+    assert run == again
+    assert not (run[0] | run[1]) & (other[0] | other[1])
