@@ -35,8 +35,8 @@ TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 class ChannelMotion:
     """The missing torque explains a part of the motion of a channel, SI.
 
-    `spread` is the sd of the channel.  Root mean squares at the mean of the draws are `without` of
-    its residuals without the torque, `left` of those with it, and `moved` of the torque's effect.
+    `spread` is the sd of the channel.  `without` and `left` are root mean squares of its residuals
+    without and with the torque, at the mean of the draws; `moved` is that of the torque's effect.
     `strayed` is the error of the linear prediction, in sds of noise, NaN for a linear rig.
     """
 

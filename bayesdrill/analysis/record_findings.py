@@ -113,7 +113,7 @@ def _motion(
 def _one_direction(
     names: Mapping[str, str], inertia: InertiaRoles, model: Model, unknowns: Collection[str]
 ) -> Iterator[Finding]:
-    """Yield a finding, unless the user chose between both: friction is unknown, and no offset is."""
+    """Yield a finding, unless friction is unknown and the offset is not, as the user chose it."""
     offset = next((name for name in unknowns if name.startswith(f"offset_{names['input']}")), "")
     motor = model.roles.motor(inertia.name)
     rubbing = (inertia.sliding, inertia.friction, motor.drop if motor else "")

@@ -15,7 +15,7 @@ from bayesdrill.basics.errors import printable
 
 @runtime_checkable
 class Reporter(Protocol):
-    """A reporter shows the progress of long work."""
+    """A reporter shows the progress of long work; a thread may call it while another one waits."""
 
     def say(self, text: str) -> None:
         """Print a line."""

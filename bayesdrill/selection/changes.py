@@ -59,8 +59,8 @@ SLOWEST = 1e-3  # smallest scale of speeds for static friction, over the largest
 TIME_PARTS = 3.0
 MIN_EFFICIENCY = 0.3  # smallest efficiency of a gear in a search
 DRAG_MARGIN = 4.0  # largest drag over the one that acts as strongly as all else
-# Largest dry friction over the one that acts as strongly as all else, whose root mean square is small
-# in a record that mostly rests.
+# Largest dry friction over the one that acts as strongly as all other torques.  The root mean square
+# of these is small in a record that mostly rests.
 HOLDING = 4.0
 # Dry friction is sought from these shares of its size, sliding and at rest, which fades over this share
 # of the largest speed.

@@ -125,6 +125,7 @@ def _run(
 ) -> Outcome:
     clock = [time.perf_counter()]
     # Threads load what sampling and report need, and wait for refits, while this process computes.
+    # They build simulators of their own, as no two threads may share one.
     with ThreadPoolExecutor(2) as threads, WorkerPool(job.problem.posterior, processes) as pool:
         if not pool.in_process:
             threads.submit(list, map(importlib.import_module, LOADED_LATE))

@@ -23,7 +23,7 @@ NO_CHANGE = 1e-300  # volts, so that nothing is divided by zero where no voltage
 
 @dataclass(frozen=True, slots=True)
 class ServoLoop:
-    """A servo acts in a step.
+    """The loop of a servo gives its voltage within a step.
 
     `column` is that of its voltage among the drives.  `row` and `base` give the wanted voltage from
     states and drives.
