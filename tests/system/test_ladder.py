@@ -154,7 +154,7 @@ def test_what_stands_for_a_part_is_removed_before_more_is_built_upon_it(tmp_path
 def test_the_missing_friction_is_named_and_recommended(finished: FinishedRun) -> None:
     run = finished.json
     assert run["status"] == "finished"
-    assert (run["verdict"], run["recommended"]) == ("model", "friction_motor")
+    assert run["recommended"] == "friction_motor"  # its odds against friction at rest are 20 to 1
     assert run["candidates"]["ranked"][0]["parts"] == ["friction_motor"]
     assert len(run["log_evidence"]) == 2
     page = (finished.folder / "comparison.md").read_text(encoding="utf-8")
