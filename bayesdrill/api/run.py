@@ -20,7 +20,6 @@ from bayesdrill.basics.errors import InputError, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config import job
 from bayesdrill.config.job import Job
-from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.run_report import sections
@@ -133,7 +132,7 @@ class Best(Value):
         workers, job = arguments.workers(processes), self.job.with_steps_at(self.mode)
         with ONE_THREAD:
             residuals = conclusions.residuals(job, self.mode)
-        if like_noise(residuals):
+        if all(channel.like_noise for channel in residuals):
             workers = 1  # a good fit has few refits, which end before workers could help
         with WorkerPool(self.job.problem.posterior, workers) as pool:
             how = job, self.mode, residuals, pool.submit_function, report or SILENT

@@ -21,7 +21,6 @@ from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
-from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import details, screen
@@ -142,7 +141,7 @@ def _run(
         left = residuals(job, mode)
         if misfit := find_map.misfit(left, job.problem.clock):
             report.say(misfit)
-        fits = like_noise(left)
+        fits = all(channel.like_noise for channel in left)
         submit = pool.submit_function if pool.in_process else threads.submit
         said = SILENT if fits and not pool.in_process else report
         explained = submit(causes, job, mode, left, pool.submit_function, said)
