@@ -182,7 +182,9 @@ class Case(arguments.ExperimentPlanner, Value):
         Raises
         ------
         InputError
-            If the file has another ending, or is a file of the record. Examples
+            If the file has another ending, or is a file of the record.
+
+        Examples
         --------
         >>> case.draw_rig("rig.svg")
         'figure: rig.svg'

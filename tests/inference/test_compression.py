@@ -194,7 +194,7 @@ def test_a_resumed_run_has_the_same_basis_functions() -> None:
 
 
 def test_autoregressive_noise_is_compressed_too() -> None:
-    """Of one channel; the draws are compared with the exact likelihood."""
+    """The record has one channel, and its draws are compared with the exact likelihood."""
     t, v, w, rng = speeds(2401, 6)
     noise = 0.1 * rng.standard_normal(w.shape)
     noise[1] = lfilter([np.sqrt(1.0 - RHO**2)], [1.0, -RHO], noise[1])

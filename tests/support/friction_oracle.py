@@ -95,7 +95,7 @@ class Rig:
         return driving, rubs
 
     def rate(self, x: list[float], v: float, t_1: float, modes: Modes) -> list[float]:
-        """Of the states, and of the integrals of the rubs."""
+        """Return the rates of the states, and of the integrals over their frictions."""
         (motor, rotor, rise), (t_m, t_r, t_v) = self.efforts(x, v, t_1, modes)
         j_m, j_1, l_m = self.masses
         return [

@@ -85,7 +85,7 @@ class CampaignSpec(Strict):
     time_unit: TimeUnit = "s"
     """Unit of times that are numbers."""
     by_name: bool = False
-    """Whether runs without times are equally spaced, in the order of their names."""
+    """If true, runs without times are equally spaced, in the order of their names."""
     noted: list[str] = Field(default_factory=list)
     """Columns of the table that may explain how runs differ."""
     leave_out: list[str] = Field(default_factory=list)

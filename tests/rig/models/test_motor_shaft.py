@@ -291,12 +291,12 @@ def solved(inputs: Course, torque: Callable[[float, float], float] | None = None
     return np.array(out)
 
 
-def held(u: np.ndarray, middle: float) -> float:
-    return float(u[np.searchsorted(T, middle) - 1])
+def value_before(u: np.ndarray, time: float) -> float:
+    return float(u[np.searchsorted(T, time) - 1])
 
 
-def both(found: np.ndarray) -> np.ndarray:
-    """With the twist."""
+def with_twist(found: np.ndarray) -> np.ndarray:
+    """Return the two angles `(T, 2)` with their difference, the twist, as a third column."""
     return np.column_stack([found, found[:, 0] - found[:, 1]])
 
 
@@ -306,11 +306,11 @@ def test_measured_speed_and_torque_move_the_shaft_as_the_equations_say() -> None
     straight = solved(lambda s, _: (np.interp(s, T, SPEED), np.interp(s, T, LOAD)))
     one = recorded(first_order=True, w_2=SPEED, t_1=LOAD)
     found = simulator(rig, one, ObservationModel()).signals(theta)[0]
-    assert found == pytest.approx(both(straight), abs=2e-8)
-    stays = solved(lambda _, middle: (held(SPEED, middle), held(LOAD, middle)))
+    assert found == pytest.approx(with_twist(straight), abs=2e-8)
+    stays = solved(lambda _, middle: (value_before(SPEED, middle), value_before(LOAD, middle)))
     one = recorded(w_2=SPEED, t_1=LOAD)
     found = simulator(rig, one, ObservationModel()).signals(theta)[0]
-    assert found == pytest.approx(both(stays), abs=2e-8)
+    assert found == pytest.approx(with_twist(stays), abs=2e-8)
     assert np.abs(stays - straight).max() > 0.05
 
 
@@ -352,7 +352,7 @@ def test_rock_holds_the_bit_as_its_law_and_the_weight_say() -> None:
     one = recorded(first_order=True, **dict(zip(rig.inputs, every, strict=True)))
     apart = [
         np.abs(
-            simulator(rig, one, ObservationModel(), pieces).signals(theta)[0] - both(exact)
+            simulator(rig, one, ObservationModel(), pieces).signals(theta)[0] - with_twist(exact)
         ).max()
         for pieces in (2, 4, 8)
     ]

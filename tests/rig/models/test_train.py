@@ -34,12 +34,13 @@ def test_friction_behind_gears_moves_the_train_as_in_the_oracle():
     turns = np.zeros((5, 3))  # of pinion, drum, load
     turns[[0, 1, 2, 3, 4], [0, 0, 1, 1, 2]] = [4.0, 1.0, -2.0, 1.0, 1.0]
 
-    def of(kind: str) -> np.ndarray:
+    def of_each_inertia(kind: str) -> np.ndarray:
         return np.array([p.get(f"{kind}_{name}", 0.0) for name in train.inertias])
 
     oracle = Oracle(
-        inertias=of("j"), ratios=turns, springs=springs(train, p), dampers=of("c"),
-        sliding=np.abs(turns).T @ of("t_c"), weights=nothing, tilts=nothing,
+        inertias=of_each_inertia("j"), ratios=turns, springs=springs(train, p),
+        dampers=of_each_inertia("c"), sliding=np.abs(turns).T @ of_each_inertia("t_c"),
+        weights=nothing, tilts=nothing,
         push=lambda s: np.array([u[int(s / 0.01)], 0.0, 0.0, 0.0, 0.0]),
     )  # fmt: skip
     truth = oracle.solve(t, np.zeros(6))
