@@ -25,7 +25,7 @@ from bayesdrill.rig.simulators.contract import Simulator
 EXCERPT = 16384  # number of samples in the first excerpt
 GROWTH = 4  # factor by which an excerpt grows if it does not suffice
 POINTS = 256  # number of points about a maximum at which the compression has to be accurate
-POINT_SDS = (8.0, 3.0, 1.0)  # sds of the points, in turn, over posterior sds
+POINT_SDS = (8.0, 3.0, 1.0)  # posterior sds by which points are spread, each for every third point
 # Directions with a larger posterior sd are hardly determined: no points are spread along them.
 MAX_SPREAD = 0.05
 DEPTH = 40.0  # a maximum this far below the highest log posterior has no mass

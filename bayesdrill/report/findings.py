@@ -96,7 +96,7 @@ SENTENCES: Mapping[str, str] = {
         "their units, columns and `measures`"
     ),
     "swapped columns": (
-        "columns: {speed} grows as the sum of {angle} over time would, and not the other way round; are "
+        "columns: {speed} grows as the integral of {angle} would, and not the other way round; are "
         "the two columns swapped?"
     ),
     "overflow": (

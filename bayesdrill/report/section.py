@@ -61,7 +61,7 @@ class Plain:
     folded: str = ""
 
 
-# A page colours the cells of columns with these heads, which judge a quantity in a word.
+# Heads of columns whose cells judge a quantity by one word. A page colours these cells.
 WORDS = frozenset(("verdict", "the record says"))
 Tone = Literal["good", "plain", "doubt", "bad"]
 
@@ -181,7 +181,7 @@ def build(title: str, *blocks: Block | str | None, brief: bool = True) -> Sectio
 
 
 def as_text(sections: Sequence[Section]) -> tuple[str, ...]:
-    """Return paragraphs for a terminal, the first section last, where a reader looks first."""
+    """Return paragraphs for a terminal, the first section at the bottom, where a reader looks first."""
     shown = [section for section in reversed(sections) if section.brief]
     return tuple(printable(text) for section in shown for text in _paragraphs(section))
 
@@ -204,7 +204,7 @@ def as_markdown(title: str, sections: Sequence[Section]) -> str:
 
 
 def _no_html(text: str) -> str:
-    """Replace what Markdown would take for an HTML tag; no text of a report means one."""
+    """Escape what Markdown would read as an HTML tag, because texts of a report contain no HTML."""
     return _TAG.sub("&lt;", text)
 
 
@@ -267,7 +267,7 @@ def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
 CREDIBLE = f"{100 * HDI_PROBABILITY:.0f} %"
 HDI = f"{CREDIBLE} HDI"
 HDI_ENDS = tuple(f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
-# Heads in CSV files of fields whose column is not named like the field.
+# Heads of CSV columns that are not named like the field that they contain.
 CSV_HEADS = {"hdi_low": HDI_ENDS[0], "hdi_high": HDI_ENDS[1], "word": "the_record_says"}
 
 

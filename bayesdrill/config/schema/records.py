@@ -110,7 +110,7 @@ class ColumnSpec(Strict):
 
     column: str | Count | None = None
     variable: str | None = None
-    """Variable in a file of arrays; fields have dots, and HDF5 has paths."""
+    """Variable in a file of arrays: `rig.speed` is a field of a struct, `run7/speed` a path in HDF5."""
     unit: str
 
 
@@ -168,7 +168,7 @@ class AngleColumn(InputColumn):
 
 
 class DecimateSpec(Strict):
-    """Decimation keeps one sample of `factor`, by default after an anti-aliasing filter."""
+    """Decimation keeps one of every `factor` samples, by default after an anti-aliasing filter."""
 
     factor: Annotated[int, Field(ge=2, le=1000)]
     filter: bool = Field(
@@ -218,11 +218,11 @@ class OutputSpec(Strict):
     corner: Annotated[list[str], Field(min_length=1, max_length=MAX_NAMED)] | None = None
     """Unknowns and derived quantities of the corner plot; default: `parameters`."""
     size: Literal["single", "double"] = "double"
-    """Width of figures: 3.4 in, one column of a page, or 7 in."""
+    """Width of figures: `single` is one column of a page (3.4 in), `double` is 7 in."""
     formats: Annotated[list[Format], Field(min_length=1, max_length=3)] | None = None
-    """Formats of figures; default: png, and pdf for corner plots or without a report."""
+    """Formats of figures; default: png. Corner plots, and commands without a report, also write pdf."""
     dpi: Annotated[int, Field(ge=50, le=1200)] = 220
-    """Pixels per inch, of png and of dots in other formats."""
+    """Pixels per inch of png, and of dots that other formats contain as pixels."""
 
     @property
     def formats_or_default(self) -> tuple[str, ...]:
@@ -324,7 +324,7 @@ class Initial(NamedSection):
 
 
 class ExperimentSpec(Strict):
-    """One of several experiments has entries of its own; all others are at the top of the config."""
+    """One of several experiments has its own entries; common entries are at the top of the config."""
 
     record: dict[str, Any] = Field(default_factory=dict, description="Entries as in `record:`.")
     inputs: dict[str, Any] = Field(default_factory=dict, description="Entries as in `inputs:`.")

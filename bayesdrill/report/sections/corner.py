@@ -35,7 +35,7 @@ from bayesdrill.report.view import Drawing, ReportContext
 GAP = 0.06  # gap between panels, relative to a panel
 LARGEST = 2.2 * (1 + GAP)  # inches from one panel to the next
 LEAST = 13.0 / 72  # least inches of a panel, below which the page grows
-READABLE = 5.7  # points; labels below this size are turned by 90 degrees, with the axis range
+READABLE = 5.7  # points; smaller labels are turned by 90 degrees, and include the axis range
 SMALLEST = 5.2  # smallest font size of numbers at an axis, in points
 BELOW = 0.11  # inches for the gap above a turned label and the margin under it
 CLEAR = 0.1  # share of an axis at each end that has no numbers
@@ -190,7 +190,7 @@ def _looks(columns: Sequence[CornerColumn]) -> dict[str, style.Look]:
     looks |= style.nominal_looks({column.scale.side(column.nominal) for column in known})
     if any(column.mode is not None for column in columns):
         looks["MAP"] = {**style.CROSS, "linestyle": style.MAP_LINE["linestyle"]}
-    notes = [f"titles: median and {CREDIBLE} interval, as on the axes"]
+    notes = [f"titles: median and {CREDIBLE} interval, in axis units"]
     if len(columns) > 1:
         for grey, level, sds in zip((INNER_GREY, OUTER_GREY), LEVELS, (1, 2), strict=True):
             text = rf"{100 * level:.1f} % of the draws (${sds}\sigma$ in two dimensions)"

@@ -46,8 +46,8 @@ def in_logs(row: OverlayRow, layers: Sequence[PosteriorSummary]) -> bool:
     return flat_in_logs(next(priors, None))
 
 
-LONGEST = 60  # most letters of a setting
-SAID = 3  # most unknowns that are named
+LONGEST = 60  # largest number of letters of a setting
+SAID = 3  # largest number of unknowns that are named
 FAR = 0.5  # distance in sds below which no unknown is named
 APART = "apart [sd]"
 OVERLAY_READ = (
@@ -60,7 +60,7 @@ COLUMNS = ("name", "unit", "run", "nominal", "mean", "sd", *HDI_ENDS, "held", "a
 
 
 def overlay_csv(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> str:
-    """Return CSV with a line for each unknown of each run: SI, all digits; `apart` is of all runs."""
+    """Return CSV in SI with all digits, a line for each unknown and run; `apart` compares all runs."""
     lines: list[Sequence[object]] = [COLUMNS]
     for row in rows:
         for layer, place, nominal in zip(layers, row.places, row.nominal, strict=True):
@@ -73,7 +73,7 @@ def overlay_csv(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) 
 
 
 def doubt(layer: PosteriorSummary) -> str:
-    """Describe the warning of a run, and the reasons not to believe it."""
+    """Describe the warning of a run, and the reasons to doubt its result."""
     because = "".join(f"\n  - {reason}" for reason in layer.reasons)
     return f"{layer.name}: {layer.warning}{because}"
 
@@ -282,7 +282,7 @@ INTERVAL_BAR: dict[str, Any] = {"linewidth": 1.2, "marker": "|", "markersize": 5
 FIXED_MARKER: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.2}
 NARROWEST = f"narrowest {CREDIBLE} interval"
 RUN_HEIGHT, AXIS_HEIGHT = 0.18, 0.65  # inches: of a run in a panel, and of its axis and margins
-MARGIN = 1.1  # above and below the runs of a panel, in heights of one
+MARGIN = 1.1  # above and below the runs of a panel, in heights of a run
 
 
 def intervals_figure(

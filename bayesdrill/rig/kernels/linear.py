@@ -1,20 +1,20 @@
 """Compute the response of linear rigs: the channels of groups of walkers, sample by sample.
 
 With z = (x, 1, u, slopes of u) a step is x(j + 1) = E(j) z(j).  E has the first rows of the
-matrix exponential over the step (`transitions`).  Channels are rows times z.  If slopes are wanted,
-matrices, starts, rows and delays have slopes in one direction of the parameters.
+matrix exponential over the step (`transitions`).  Channels are rows times z.  If derivatives are
+wanted, matrices, starts, rows and delays also have derivatives in one direction of the parameters.
 
 A late channel shows at time t its value at t - s.  On even times, s is a whole number of steps minus
-a share of one, and the row is multiplied by the exponential over that share.  On uneven times the
-state at the knot before t - s is advanced by the rest.  Before the start states change linearly.
+a fraction of a step, and the row is multiplied by the exponential over this fraction.  On uneven times
+the state at the knot before t - s is advanced by the rest.  Before the start, states change linearly.
 
-Rigs of more than ten states have loops for products (`multiply_large`), and on even times four samples
-are one product (`Transitions.join_steps`).
+Rigs of more than ten states multiply matrices in loops (`multiply_large`).  On even times, one product
+then computes four samples (`Transitions.join_steps`).
 
 Sums of residuals are added up as channels are computed.  Otherwise channels are stored in planes
 `(rows, K)`: the values, then the slopes in each direction.  Planes are the output, or they become
-normal equations, a chunk of samples at a time that stays in the processor's cache.  One kernel does
-either: most of the code, and of the time to compile it, is that of the matrices.
+normal equations, a chunk of samples at a time that stays in the processor's cache.  One kernel can do
+both, because matrices take most of its code and of the time to compile it.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ from bayesdrill.rig.kernels.sums import SQUARES, Record, ResidualSums, Sample
 from bayesdrill.rig.kernels.transitions import InputHold, State, Transitions
 
 FARTHEST = 2.0**40  # largest delay in steps; larger ones have the same effect
-TILE, MOST_TOTALS = 2, 24  # planes whose products share loads, and sums that stay in registers
+TILE, MOST_TOTALS = 2, 24  # planes that are loaded together; most sums that fit in registers
 VALUES, SLOPES, BOTH = [0], [1], [0, 1]  # parts of a number
 
 
 def write_linear(module: Module, shape: LinearShape) -> None:
-    """Write the kernel `linear`, of `COUNTS` and addresses of `BLOCKS`."""
+    """Write the kernel `linear`, whose arguments are `COUNTS` and the addresses of `BLOCKS`."""
     with kernel(module, "linear", COUNTS, BLOCKS) as (a, b), b.loop(a["groups"], "groups") as group:
         _Writer(b, a, shape, group).write()
 
@@ -159,13 +159,13 @@ class _Writer:
     # Normal equations.
 
     def _add_products(self, first: ir.Value, rows: ir.Value) -> None:
-        """Add up squares `(K,)` of residuals, and products `(1 + q, 1 + q)` of planes up to each."""
+        """Add up squares `(K,)` of residuals, and the triangle `(1 + q, 1 + q)` of plane products."""
         b, k_count = self.b, self.k
         with b.loop(self.plane_count, "whiten") as plane:
             self._whiten(plane, first, rows)
 
         def totals(planes: list[Integer], others: list[Integer]) -> list[Values]:
-            """Return for each plane and each other the sums `(K,)` of products of samples."""
+            """Return sums `(K,)` of products over samples, for each pair of `planes` and `others`."""
             pairs = [*itertools.product(range(len(planes)), range(len(others)))]
             samples = Loop(b, rows, [vector(0.0)] * len(pairs) * k_count, "products")
             left, right = (
@@ -207,10 +207,10 @@ class _Writer:
             add_tile([last], [last])
 
     def _whiten(self, plane: ir.Value, first: ir.Value, rows: ir.Value) -> None:
-        """Store in a plane the whitened residuals, or their slopes, in place of these.
+        """Overwrite the channels in a plane with whitened residuals, or their slopes with slopes.
 
-        Weights belong to a sample, to the observed one before it, which is subtracted, and to the
-        first sample.
+        Of three weights, the first multiplies a sample, and the second the observed sample before it,
+        which is subtracted.  The third multiplies the first sample of a channel.
         """
         b, k_count = self.b, self.k
         scales = b.read_row(self.weights, SCALES * k_count)
@@ -232,7 +232,7 @@ class _Writer:
     def _white(
         self, sample: ir.Value, k: int, scales: Values, residual: ir.Value, last: ir.Value
     ) -> Values:
-        """Return a whitened residual, and the residual, which is the next last one."""
+        """Return a whitened residual, and the residual, which is `last` for the next sample."""
         b = self.b
         later = b.fsub(b.fmul(residual, scales[0]), b.fmul(last, scales[1]))
         white = self.record.unless_first(sample, k, [later], [b.fmul(residual, scales[2])])
@@ -240,10 +240,10 @@ class _Writer:
 
 
 class _Walker:
-    """The walker has code for its numbers; with slopes, for one direction of them.
+    """A walker emits code for its response, and for slopes in one direction of the parameters.
 
-    If only `VALUES` are advanced, states are kept in the trace. From there they are read if only
-    `SLOPES` are.
+    If only `VALUES` are advanced, states are kept in the trace. If only `SLOPES` are advanced, states
+    are read from there.
     """
 
     def __init__(self, w: _Writer, direction: Integer, parts: Sequence[int] = BOTH) -> None:
@@ -278,11 +278,11 @@ class _Walker:
         return [*map(Dual, values, *slopes)] if slopes else values
 
     def _bases_of(self, first: int) -> tuple[ir.Value, ...]:
-        """Return where values and, if there are any, slopes of the numbers from `first` on stand."""
+        """Return addresses of values and, if the part from `first` on has slopes, of slopes."""
         return self.bases if first < self.shape.with_slopes else self.bases[:1]
 
     def _rows(self) -> list[dict[int, Number]]:
-        """Return the entries of each channel's row by state; number X is the offset."""
+        """Return each channel's row, its entries by index of the state; the last index is the offset."""
         numbers, count = self.numbers("rows"), self.x + 1
         return [
             {i: numbers[k * count + i] for i in range(count) if i == self.x or shows[i]}
@@ -376,7 +376,7 @@ class _Walker:
         return [x for part in self.parts for x in registers[part * self.x :][: self.x]]
 
     def _completed(self, registers: Values, row: ir.Value) -> State:
-        """Return the state of which `_advanced` gives the registers, at a row of a chunk."""
+        """Rebuild the state from the registers of `_advanced`; the trace has the rest in this row."""
         if len(self.parts) < self.kind.width:
             at = self.b.offset(self.w.trace, row, self.x)
             if self.parts == VALUES:
@@ -410,7 +410,7 @@ class _Walker:
         return totals
 
     def _share(self, share: ir.Value, state: State, drive: InputHold) -> tuple[State, InputHold]:
-        """Advance by a share of the width, if the step has one."""
+        """Advance by a share of the ladder's width; a negative share means none."""
         b, kind, count = self.b, self.kind, len(drive.inputs)
         default = [*kind.flat(state), *(u.value for u in drive.inputs)]
 

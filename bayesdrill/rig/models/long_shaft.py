@@ -37,8 +37,8 @@ Elements = Annotated[
 
 
 def _declared() -> tuple[Symbol, ...]:
-    """Return the symbols of the inner nodes; they have no rad, as they do not turn with the rig."""
-    what = "of the shaft within, beyond the straight line between its ends"
+    """Return the symbols of the inner nodes; units omit rad, as these are deviations, not turns."""
+    what = "of the shaft at an inner node, minus that of a straight line between its ends"
     nodes = range(1, MAX_ELEMENTS)
     return (
         *(Symbol(f"phi_{k}", "1", rf"\varphi_{k}", "", f"angle {what}") for k in nodes),
