@@ -220,7 +220,7 @@ class OutputSpec(Strict):
     size: Literal["single", "double"] = "double"
     """Width of figures: `single` is one column of a page (3.4 in), `double` is 7 in."""
     formats: Annotated[list[Format], Field(min_length=1, max_length=3)] | None = None
-    """Formats of figures; default: png. Corner plots, and commands without a report, also write pdf."""
+    """Formats of figures; default: png, and pdf for corner plots, `map`, `identify`, `calibrate`."""
     dpi: Annotated[int, Field(ge=50, le=1200)] = 220
     """Pixels per inch of png, and of dots that other formats contain as pixels."""
 

@@ -207,7 +207,7 @@ class _Writer:
             add_tile([last], [last])
 
     def _whiten(self, plane: ir.Value, first: ir.Value, rows: ir.Value) -> None:
-        """Overwrite the channels in a plane with whitened residuals, or their slopes with slopes.
+        """Replace channels in a plane by whitened residuals, or their slopes by those of residuals.
 
         Of three weights, the first multiplies a sample, and the second the observed sample before it,
         which is subtracted.  The third multiplies the first sample of a channel.
