@@ -12,7 +12,7 @@
 
 The commands on files and folders are functions too: `bd.init`, `bd.example`, `bd.simulate`,
 `case.run`, `bd.publish`, `bd.calibration`, `bd.ladder`, `bd.campaign`, `bd.citation`.  Only these and
-the `save` methods write files.  Results are frozen records, and `print` shows them.  `help(bd.Case)`
+the `save` methods write files.  Results are immutable, and `print` shows them.  `help(bd.Case)`
 explains the usual order of work.
 """
 

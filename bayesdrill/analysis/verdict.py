@@ -1,7 +1,7 @@
-"""Judge the nominal table by the posterior: how far draws are from it, if they determine it.
+"""Judge nominal values that the record determines by their distance from the posterior.
 
-Everything is in logs of the unknowns.  Quantities are the parameters, and independent products of
-their powers that no exact symmetry changes, as many as the record can show.
+Everything is in logs of the unknowns.  Quantities are the parameters, and a maximal set of
+independent products of their powers that no exact symmetry changes.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def tension(logs: Array, low: float, high: float) -> float:
     """Return sigmas between draws `logs (N,)` and the nearest value from `low` to `high`.
 
     The two-sided tail probability of that value is converted to sigmas of a normal distribution.  If
-    too few draws lie beyond it, the tail is extrapolated with the largest sd up to there.
+    too few draws lie beyond it, a normal tail is assumed, with the largest sd that quantiles give.
     """
     middle = float(np.median(logs))
     value = min(max(middle, low), high)
@@ -113,10 +113,10 @@ Says = Literal[
 JUDGED: tuple[Says, ...] = ("agrees", "disagrees", "in doubt")
 
 FALSE_ALARM = 0.01  # probability of any "disagrees" about a rig that agrees with its table
-# Sd over the prior's, below which a prior determines a product that a symmetry changes.
+# Priors determine a product that a symmetry changes if its sd is below this share of the prior sd.
 MAX_BLIND_SD_RATIO = 0.25
-# A quantity may explain this share of the variance of an unknown cut off at its nominal value.
-# Simulations of normal posteriors show that false alarms then stay as rare as without the cut.
+# A quantity is not judged if it explains more of the variance of an unknown whose prior ends at its
+# nominal value. In simulations of normal posteriors, false alarms then are as rare as without ends.
 MAX_EXPLAINED_BY_CUT = 0.25
 PRIOR_DRAWS = 100_000  # number of draws from the prior
 
@@ -261,13 +261,13 @@ def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponent
     """Return independent products of the unknowns `among` that no symmetry changes.
 
     Products that the record narrows come first, the narrowest of all at the beginning.  The sparsest
-    others complete them, since the narrowest products may contain unknowns that are not `among`.
+    others complete the set, since the record may narrow too few products of these unknowns alone.
     """
     simple = simple_exponents(len(study.names))
     simple = simple[~simple[:, [name not in among for name in study.names]].any(axis=1)]
     simple = simple[np.isfinite(study.information.bounds_of(simple))]
     before = np.array([parameter.prior_sd for parameter in study.parameters])
-    # Any thresholds serve, as the words of these products are not used.
+    # The thresholds do not matter, as the classification of these products is not used.
     best = products(study.information, before, simple, IdentifySpec())
     selected = [product.exponents for product in best if product.price < 1.0]
     for exponents in study.structure.invariants_of(among):
@@ -374,7 +374,7 @@ def _combined(logs: Array, exponents: Exponents) -> Array:
 
 
 def reconciled(rows: Sequence[ParameterRow], verdict: Verdict) -> tuple[ParameterRow, ...]:
-    """Return `rows` with the words of the verdict, which knows what priors of others determine."""
+    """Return `rows` with the verdict's words, which also consider the priors of other unknowns."""
     judged = {verdict.names[q.exponents.index(1)]: q for q in verdict.parameters}
     words = ((row, _word(row.word, judged.get(row.name))) for row in rows)
     return tuple(dataclasses.replace(row, word=word) for row, word in words)

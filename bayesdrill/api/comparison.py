@@ -119,7 +119,7 @@ class Comparison(Value):
 
     @property
     def rows(self) -> tuple[OverlayRow, ...]:
-        """Return a row for each unknown: the posterior in each run, in SI, and the distance."""
+        """Return a row for each unknown: its posteriors in SI, and the largest distance of two runs."""
         return self.report.rows
 
     @property
@@ -199,7 +199,7 @@ class Comparison(Value):
         Raises
         ------
         InputError
-            If the folder has other contents, or a comparison without `force`.
+            If the folder has other contents, or has a comparison and `force` is false.
         """
         path = self.place(folder)
         comparison.publish(self.report, self.runs, path, force=force)

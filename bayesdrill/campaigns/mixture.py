@@ -2,8 +2,8 @@
 
 The draws of a run, weighted by one over the density of their interim prior, are draws of its
 normalised likelihood.  The mixture is fitted to them by expectation maximisation, with the number of
-components that has the least BIC.  It is smooth: a population that is narrower than the posterior of a
-run, in many products, finds few draws of that run in its midst, but a mixture has a value everywhere.
+components that has the least BIC.  A population may be narrower than the posterior of a run, in many
+products.  Then few draws of the run lie inside it, but the smooth mixture has a value everywhere.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ TOLERANCE = 1e-4  # gain of the mean log density at which it stops
 INDEPENDENT = 0.5  # share of the kept draws that counts in the BIC, since they are autocorrelated
 CRITICAL = 1.63  # critical value of a Kolmogorov-Smirnov test at 1 %, times sqrt(draws)
 VARIANCE_FLOOR = 1e-6  # share of the variance of all draws that is added to that of a component
-LEAST_SD = 1e-9  # least sd of a log product, so that very few draws have a covariance
+LEAST_SD = 1e-9  # least sd of a log product, so that the covariance of very few draws is regular
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,8 @@ class RunMixture:
     """A run has a mixture with `log_weights (C,)`, `means (C, K)` and `covariances (C, K, K)`.
 
     `mean (K,)` and `covariance (K, K)` are the moments of the weighted draws.  `error` is the
-    largest difference, beyond chance, of the distribution functions of draws and mixture over the
-    products and the directions that make the draws uncorrelated.
+    largest difference, beyond chance, between the distribution functions of draws and mixture.  It
+    is taken over all products, and over directions in which the draws are uncorrelated.
     """
 
     log_weights: Array
@@ -59,7 +59,7 @@ def describe(draws: Array, log_interim: Array) -> RunMixture:
     root = np.linalg.cholesky(covariance)
     z = scipy.linalg.solve_triangular(root, centred.T, lower=True).T
     n_products, count = z.shape[1], INDEPENDENT * effective_count(weights)
-    size = (n_products + 1) * (n_products + 2) / 2  # numbers of a component
+    size = (n_products + 1) * (n_products + 2) / 2  # parameters of a component
     best, least = _fitted(z, weights, 1)[0], np.inf
     for components in range(1, min(MAX_COMPONENTS, int(count / size)) + 1):
         fitted, mean_log = _fitted(z, weights, components)
@@ -145,7 +145,7 @@ def run_arrays(
     roots = np.swapaxes(np.linalg.inv(np.linalg.cholesky(covariances)), -1, -2)
     log_det = np.log(np.diagonal(roots, axis1=-2, axis2=-1)).sum(axis=-1)
     n_rigs = int(rig.max()) + 1
-    if n_rigs == 1:  # the level of the only rig is a coefficient like others
+    if n_rigs == 1:  # the intercept of the only rig is a coefficient like the others
         design = np.column_stack([np.ones(n_runs), design])
         precision = np.concatenate([[0.0], precision])
     return RunArrays(

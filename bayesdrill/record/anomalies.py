@@ -1,10 +1,10 @@
-"""Find errors of sensors: spikes, stuck or clipped values, wraps, and differences as speeds.
+"""Find errors of sensors: spikes, stuck or clipped values, wraps, and speeds from differences.
 
 In a spike, the values leave the course of the signal and return within a few samples, about as
 fast. Spikes of up to three samples are compared with the chord between their neighbours. Longer
-spikes are compared with a running median, which keeps steps and follows ramps. The height of a
-spike is relative to other departures around it, since peaks of a swing, pulses and quantised speeds
-resemble their neighbours. A departure right after a jump of an input is motion of the rig.
+spikes are compared with a running median, which keeps steps and follows ramps. A spike has to be
+far higher than other departures around it, as regular pulses, peaks of a swing and steps of quantised
+speeds are not. A departure right after a jump of an input is motion of the rig.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MAX_LONG_SPIKES = (6, 20)  # in samples; each length has a running median of its
 
 # Thresholds beyond which a departure is a spike.
 MIN_SPIKE_SDS = 2.0  # height of a short spike, in sds of the channel
-SWING_WINDOW = 6  # in lengths of a long spike; a swing reaches the other side within it
+SWING_WINDOW = 6  # in lengths of a long spike; within this window a swing reaches the other side
 MIN_DEPARTURE = 5.0  # ratio of a short spike's height to departures around it
 AROUND_SPIKE = 60  # samples on either side whose departures are compared with a spike
 AROUND_QUANTILE = 0.95  # quantile of these departures, since they may include other spikes
@@ -253,7 +253,7 @@ def _is_spike(x: Array, away: Array, at: tuple[int, int, int], longest: int) -> 
     )
 
 
-MAX_NOISE_RATIO = 0.02  # residual of a speed predicted from angle steps, over that from its past
+MAX_NOISE_RATIO = 0.02  # ratio of a speed's residuals, predicted from angle steps and from its past
 MIN_DIFFERENCED_SAMPLES = 50
 MAX_FILTER_POLE = 0.95  # weight of a filter's last value; at 1 the filter would be a sum
 

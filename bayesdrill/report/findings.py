@@ -29,14 +29,14 @@ MISSED = (
     "so {}; narrow the priors that span decades"
 )
 NEIGHBOURS = "neighbours predict a sample that is left out"
-# By kind of finding; `_phrases` makes the phrases that depend on whether something is known.
+# The keys are kinds of findings; `_phrases` makes the phrases that only some findings need.
 SENTENCES: Mapping[str, str] = {
     "unlikely nominal value": (
-        "the nominal value {value:.4g} of {name} is far outside its prior, which goes from {low:.4g} to "
-        "{high:.4g} with all but {percent:g} % of it. One of the two, or its unit, is wrong"
+        "the nominal value {value:.4g} of {name} is far outside its prior: only {percent:g} % of the "
+        "prior is not between {low:.4g} and {high:.4g}. One of the two, or its unit, is wrong"
     ),
     "states without roles": (
-        "roles: {model} does not say what {states} is to it. Friction, energy and missing torques are "
+        "roles: {model} gives no role to {states}. Friction, energy and missing torques are "
         "not checked there. Name it in the rig's `roles`"
     ),
     "another gear": (
@@ -46,8 +46,8 @@ SENTENCES: Mapping[str, str] = {
     "friction that drives": (
         "friction: in {percent:.3g} % of the record {inertia} {moves} the other way, and {friction}, "
         "which keeps its sign, drives instead of braking. Cut these samples off (record.window). If it "
-        "always {moves} so, turn the signs of {drives} and of all channels. Or hold {friction} at 0 and "
-        "name {sliding}, friction that changes its sign"
+        "always {moves} in this direction, turn the signs of {drives} and of all channels. Or hold "
+        "{friction} at 0 and name {sliding}, friction that changes its sign"
     ),
     "servo that saturates": (
         "servo: {motor} saturates in {percent:.3g} % of the record, at a duty cycle of {duty:.3g} "
@@ -71,13 +71,13 @@ SENTENCES: Mapping[str, str] = {
         "give; {part} {expected:.3g} {unit}"
     ),
     "unstable pole": (
-        "stability: a pole lies in the right half plane{draws}, at most {pole:.3g} 1/s: the rig would "
-        "run away by itself"
+        "stability: a pole lies in the right half plane{draws}, with a real part of up to {pole:.3g} "
+        "1/s: the rig would run away by itself"
     ),
     "fast decay": (
         "sampling: the fastest motion dies out within {decay_ms:.3g} ms (pole at {pole:.3g} 1/s), the "
-        "record has a sample every {step_ms:.3g} ms{draws}. What sets it{mostly} is seen only through "
-        "slower motions"
+        "record has a sample every {step_ms:.3g} ms{draws}. Its time constant{mostly} is seen only "
+        "through slower motions"
     ),
     "fast oscillation": (
         "sampling: an oscillation of {frequency:.3g} Hz is faster than half of the {rate:.4g} samples "
@@ -96,8 +96,8 @@ SENTENCES: Mapping[str, str] = {
         "their units, columns and `measures`"
     ),
     "swapped columns": (
-        "columns: {speed} grows as the integral of {angle} would, and not the other way round; are "
-        "the two columns swapped?"
+        "columns: {speed} grows like the integral of {angle} over time, but {angle} does not grow like "
+        "that of {speed}; are the two columns swapped?"
     ),
     "overflow": (
         "overflow: {channel} jumps by about {period:.6g}, {range}, {often}, first at "
@@ -118,8 +118,8 @@ SENTENCES: Mapping[str, str] = {
         "column, or leave it out"
     ),
     "zeros between": (
-        "zeros: all cells of {channel} but one in {period:.0f} are zero, as where a slower sensor is "
-        "written. Leave these cells blank, and say missing: drop"
+        "zeros: in {channel} only one cell in {period:.0f} is not zero, as in the column of a slower "
+        "sensor. Leave the other cells blank, and say missing: drop"
     ),
     "repeated cells": (
         "repeated: {channel} holds each value for {period:.0f} rows, so its noise would count "
@@ -132,7 +132,7 @@ SENTENCES: Mapping[str, str] = {
     ),
     "speed falls": (
         "sign: {channel} falls as {input} rises, though both keep their sign. One of the columns is "
-        "another quantity, or a load changes that the record does not have"
+        "another quantity, or the record lacks a load that changes"
     ),
     "channel turned": (
         "sign: {channel} turns against {other}. If its sensor counts backwards, turn the sign of "
@@ -148,7 +148,7 @@ SENTENCES: Mapping[str, str] = {
         "its own, it must not count twice: say derived_from: {angle} at {speed}, or leave it out"
     ),
     "residuals after an input": FOLLOWED,
-    "residuals before an input": FOLLOWED + ": the input answers to the rig, or times are off",
+    "residuals before an input": FOLLOWED + ": the input reacts to the rig, or times are off",
     "walkers that hardly move": (
         "{count:.0f} of {walkers:.0f} walkers did not move for {share:.0%} of {steps:.0f} steps or "
         "longer: the moves do not suit this posterior. Give sampler.moves other shares"
@@ -174,9 +174,9 @@ SENTENCES: Mapping[str, str] = {
     ),
     "growing autocorrelation time": (
         "the autocorrelation time of {unknown} still grows with the chain: {quarter:.0f} steps from "
-        "quarters of it, {half:.0f} from halves, {whole:.0f} from the whole. Its correlations only seem "
-        "to fade after {tau:.0f}. The chain is at most {times:.0f} of these times long, which is too "
-        "short"
+        "quarters of it, {half:.0f} from halves, {whole:.0f} from the whole. The usual estimate, "
+        "{tau:.0f} steps, is too small. The chain is at most {times:.0f} autocorrelation times long, "
+        "which is too short"
     ),
     "burn-in too short to judge": (
         "the run is too short to judge its burn-in: {taus:.0f} autocorrelation times are {wanted:.0f} "
@@ -193,9 +193,9 @@ SENTENCES: Mapping[str, str] = {
         "{ess:.0f} effective draws of {unknown}, wanted at least {wanted:g}"
     ),
     "stopped early, as tau grows": (
-        "stopped early: tau grows with the chain, {tau:.0f} steps after {steps:.0f} and {late_tau:.0f} "
-        "after {late_steps:.0f}. More steps do not help. Hold an unknown, give the priors nearer ends, "
-        "or check whether the model can make this record at all"
+        "stopped early: tau grows with the chain. It was {tau:.0f} at step {steps:.0f} and is "
+        "{late_tau:.0f} at step {late_steps:.0f}. More steps do not help. Hold an unknown, give the "
+        "priors nearer ends, or check whether the model can make this record at all"
     ),
     "more steps than max_steps": (
         "stopped early: it would take about {needed:.0f} steps, more than sampler.max_steps "
@@ -237,7 +237,7 @@ def finding_sentences(findings: Iterable[Finding]) -> tuple[str, ...]:
 
 
 def finding_sentence(finding: Finding) -> str:
-    """Return the sentence of a finding; that on one of several experiments begins with its label."""
+    """Return the sentence of a finding, which begins with the experiment's label if one is named."""
     names, numbers = finding.names, finding.numbers
     phrases = _phrases(finding)
     if finding.kind == "two groups of walkers":
@@ -247,7 +247,7 @@ def finding_sentence(finding: Finding) -> str:
 
 
 def _phrases(finding: Finding) -> dict[str, str]:
-    """Return phrases of a sentence, which are empty where a finding does not have what they say."""
+    """Return phrases for a sentence by name; most are empty if the finding lacks their numbers."""
     names, numbers, rows = finding.names, finding.numbers, finding.rows
     share = f" (in {numbers['percent']:.3g} % of the draws)" if "percent" in numbers else ""
     walkers = ""
@@ -261,7 +261,7 @@ def _phrases(finding: Finding) -> dict[str, str]:
         seen = f"{numbers.get('times', 1.0):.3g} times as large as the start values predict"
     cure = "A value or a unit may be off by a factor"
     if names.get("factor"):
-        cure = f"With {names['factor']} times the value of {names['value']} they would predict it nearly"
+        cure = f"With {names['factor']} times the value of {names['value']} the model nearly fits"
     return {
         "cure": cure,
         "seen": f"{names.get('channel') or 'the record'} is {seen}",

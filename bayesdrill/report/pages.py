@@ -14,7 +14,7 @@ from bayesdrill.report import style
 from bayesdrill.report.scales import DOUBLE, Scale
 from bayesdrill.report.style import Axes, Figure
 
-NARROW_ROW = 0.85  # height of a row in a figure of one column, relative to one of two
+NARROW_ROW = 0.85  # ratio of row heights in figures of one and of two columns of text
 
 
 def build_page(
@@ -29,9 +29,9 @@ def build_page(
 ) -> tuple[Figure, list[Axes]]:
     """Build a figure and its `n` panels, row by row; matplotlib keeps texts apart.
 
-    `row` is the height of a row with its numbers, in inches, and `narrow` the number of columns in a
-    figure of one column of text.  With a height `first` or `last`, the first or the last panel is as
-    wide as the page.
+    `row` is the height of a row with its numbers, in inches.  A figure as wide as one column of text
+    has at most `narrow` panels in a row.  With a height `first` or `last`, the first or the last
+    panel is as wide as the page.
     """
     if width < DOUBLE:
         columns, row = min(columns, narrow), NARROW_ROW * row
@@ -58,7 +58,7 @@ def is_first_column(panel: Axes) -> bool:
 
 
 def label_outside(panels: Sequence[Axes], x: str, y: str, *, share_y: bool = True) -> None:
-    """Set the labels below each column of equal panels and, if they share it, beside each row."""
+    """Set the label `x` below each column of equal panels and, if `share_y`, `y` beside each row."""
     specs = [panel.get_subplotspec() for panel in panels]
     feet = {spec.colspan.start: k for k, spec in enumerate(specs) if spec is not None}
     for k, panel in enumerate(panels):
@@ -103,7 +103,7 @@ def departures(band: RankBand, ranks: Counts) -> Array:
     return np.pad(counts / max(band.n, 1) - band.shares, ((0, 0), (1, 1)))
 
 
-# Ends of a panel, which has its name at the top, over the largest difference.
+# Upper and lower limit of a panel, relative to the largest difference; the name is at the top.
 HEAD_ROOM, FOOT_ROOM = 1.7, 1.12
 
 
@@ -116,7 +116,7 @@ def ranks_panel(
     numbers: int = 5,
     look: style.Look = style.CHANCE,
 ) -> None:
-    """Draw `departures` away from a band, up to `most`; `wrong` is the label of those outside."""
+    """Draw the result `away` of `departures`, up to `most`; `wrong` is its label outside the band."""
     places, (low, high, ranks) = np.pad(band.shares, 1, constant_values=(0, 1)), away
     difference_panel(panel, places, (low, high), most, numbers, look)
     panel.plot(places, ranks, zorder=2, **(style.OUTSIDE if wrong else style.BLACK_LINE))
@@ -132,7 +132,7 @@ def difference_panel(
     numbers: int = 5,
     look: style.Look = style.CHANCE,
 ) -> None:
-    """Draw zero and the `band` of chance at `shares (S,)`, for differences up to `most`."""
+    """Draw a line at zero, and the `band` of chance over ranks `shares (S,)`, up to `most`."""
     panel.fill_between(shares, *band, zorder=0, **look)
     panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
     panel.set_xlim(0, 1)
@@ -145,10 +145,10 @@ Ends = tuple[float, float]
 LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %
 BINS = 52  # bins across the draws of one unknown, with a margin for the smoothing
 CENTRAL_SHARE = 0.999  # share of the draws inside an axis
-# correlation from which on bins are sheared, without reflection at ends
+# Above this correlation, bins are sheared, and the density is not reflected at priors' ends.
 MIN_SHEARED_CORRELATION = 0.9
 BANDWIDTH_FACTOR = 1.3  # relative to Scott's rule, which suits normal distributions but not boxes
-# sds of its noise that a density falls across a bandwidth at a contour; 0.8 of noise alone
+# Least fall of the density across a bandwidth, in sds of its noise; noise alone gives 0.8.
 MIN_SLOPE_SDS = 2.0
 CONTOUR = {"colors": style.BLACK}
 INNER_GREY, OUTER_GREY = "0.68", "0.85"  # greys inside the inner and the outer contour

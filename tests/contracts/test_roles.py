@@ -255,6 +255,6 @@ def test_a_state_of_no_role_is_named() -> None:
 
     problem: Any = SimpleNamespace(model=WithoutRole())
     (message,) = finding_sentences(plausibility.of_roles(problem))
-    assert "motor_shaft does not say what w_1 is" in message
+    assert "motor_shaft gives no role to w_1" in message
     for rig in MODELS.usable().values():
         assert [*plausibility.of_roles(SimpleNamespace(model=rig()))] == []  # type: ignore[arg-type]

@@ -243,4 +243,4 @@ def test_residuals_that_follow_an_input_are_named_with_the_lag(
     (text,) = finding_sentences(followed_inputs(list(correlations_of(residuals).values())))
     name = ("theta_1", "w_2")[channel]
     assert text.startswith(f"the residuals of {name} follow the input v, {lag:+} samples (")
-    assert text.endswith(": the input answers to the rig, or times are off") == (lag < 0)
+    assert text.endswith(": the input reacts to the rig, or times are off") == (lag < 0)

@@ -111,7 +111,7 @@ TOO_LONG = "about 25000 steps, more than sampler.max_steps (20000); raise"
     [
         ([(200, 8), (400, 16), (1000, 41)], None),  # on its way: tau is constant
         ([(200, 8), (400, 8.5), (800, 9)], None),  # too early to say
-        ([(500, 9), (1000, 10)], "tau grows with the chain, 56 steps after 500 and 100 after 1000"),
+        ([(500, 9), (1000, 10)], "the chain. It was 56 at step 500 and is 100 at step 1000"),
         ([(500, 50), (1000, 51)], None),  # nothing is missing
         ([(500, 1.0), (1000, 2.0)], TOO_LONG),
         ([(500, 1.3), (1000, 2.6)], None),  # 19231 steps would do

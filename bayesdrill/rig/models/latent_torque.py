@@ -58,7 +58,7 @@ class MissingTorque:
 def torque_gain(model: Model, torque: MissingTorque, p: Named, linear: Linear) -> Any:
     """Return the acceleration of the inertia's speed per unit of torque.
 
-    Before a gear the torque acts on that side of the gear.
+    If there is a gear, the torque acts on the inertia's own side of it.
 
     Raises `ValueError` if the rig has no such inertia.
     """

@@ -1,7 +1,7 @@
 """Filter, smooth and draw records with a latent torque, for all walkers at once.
 
-Residuals over the response without the torque belong to a state that is zero at the start. Only the
-torque drives it. The torque itself has its stationary variance at the start.
+Residuals are the record minus the response without the torque. Their state is zero at the start, and
+only the torque drives it. The torque itself has its stationary variance at the start.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MAX_STEP_LENGTHS = 64  # largest number of step lengths, as each needs its own m
 
 @dataclass(frozen=True, slots=True)
 class StepLengths:
-    """The record has the distinct lengths of steps between samples.
+    """Step lengths are the distinct lengths of the steps between samples.
 
     `node (T,)` says which of `spans (M,)` leads from a sample to the next. With `lead`, the last
     span leads from the start to the first sample.
@@ -127,7 +127,7 @@ class KalmanFilter:
         }
 
     def log_density(self, parameters: Array, sigmas: Array, record: Mapping[str, Array]) -> Array:
-        """Return the log-density `(W, K)` of a `Simulator.record`.
+        """Return the log-density `(W, K)` of the channels in `record`; see `Simulator.record`.
 
         The contribution of the start is divided equally among channels.
         """
@@ -202,7 +202,7 @@ class KalmanFilter:
         residuals: list[Array],
         each: int,
     ) -> Array:
-        """Run a kernel with `each` output numbers per channel; zero for states (and channels)."""
+        """Run a kernel that gives `each` numbers per channel or, if it is 0, states (and channels)."""
         system, width = self.system, len(parameters)
         n_walkers, t_count = len(parameters[0]), len(self.experiment.t)
         columns = system.k * each if each else system.n + (system.k if name == "draw" else 0)

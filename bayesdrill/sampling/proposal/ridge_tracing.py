@@ -25,8 +25,8 @@ from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeMap
 Expand = Callable[[Array, Array], QuadraticModel]
 
 # A direction is tight if the ratio of its precision to the prior's is at least `TIGHT_RATIO`, and
-# at least `STRAIGHT_RATIO` times the square root of the largest ratio. If only the second condition
-# fails, the tightest direction would bend along this direction, which is therefore loose.
+# at least `STRAIGHT_RATIO` times the square root of the largest ratio. A direction that fails only the
+# second condition is loose, because along it the tightest direction would bend too much.
 TIGHT_RATIO, STRAIGHT_RATIO = 100.0, 0.003
 NEAR_END = 1e-6  # an unknown nearer to an end of its prior, in spreads of the prior, is at the end
 MIN_NEW_SHARE = 1e-6  # if the orthogonal part of a unit axis is shorter, it is a rounding error
@@ -37,7 +37,7 @@ KNOWLEDGE_DISCOUNT = 9.0  # divides loose precisions at the maximum; they may be
 BEYOND_ENDS = 0.1  # points are used up to this distance beyond the priors, in ranges of the priors
 SCATTER_WIDTH = 1.4  # ratio of the width of the points to the expected width of the posterior
 TRUSTED_EXTRAPOLATION = 2.0  # in radii of the fitted points: how far the next stage trusts the fit
-MAX_CORNER_GROWTH = 2.0  # largest growth of the highest power outside the ball of fitted points
+MAX_CORNER_GROWTH = 2.0  # limit of a coordinate's highest power; it is at most 1 at fitted points
 ITERATIONS = 6  # Gauss-Newton steps for each point
 CONVERGED_SDS = 0.03  # Gauss-Newton ends after a step of fewer standard deviations
 MAX_STEP = 0.5  # longest step, in priors' spreads
@@ -50,8 +50,8 @@ FAIR_ERROR = 0.3  # in standard deviations: above this error, points are added
 POINTS_PER_TERM = 2.5  # points for each term of a polynomial
 MAX_DEPTH = 100.0  # a point this far below the highest log density is not on the ridge
 HELD_OUT_EVERY = 4  # every fourth point is held out of the fit
-PRIOR_MARGIN = 0.9  # psi times this factor has to lie within the priors
-NEAR_SDS = 0.5  # standard deviations from a Newton ridge within which a step is the last
+PRIOR_MARGIN = 0.9  # up to this share of the way to a point, the ridge has to be within the priors
+NEAR_SDS = 0.5  # a step to a Newton ridge that is shorter, in standard deviations, is the last
 NEWTON_ITERATIONS = 9  # most steps to a Newton ridge; a bad polynomial may need half of these
 
 
@@ -61,8 +61,8 @@ def split_directions(
     """Return the basis at the maximum `centre (D,)`, and the precision of its loose part `(l,)`.
 
     `here` is the quadratic model at `centre`.  The flat directions `still (D, f)` come first.  An
-    unknown that is pressed against an end of its prior becomes a loose direction of its own.  In a
-    tight direction, the maximum would otherwise lie outside the prior.
+    unknown that is pressed against an end of its prior becomes a loose direction of its own.  If it
+    were part of a tight direction, the maximum would lie outside the prior.
     """
     scale = surface.spread
     slope, curvature = here.slope[0] * scale, here.curvature[0] * np.outer(scale, scale)
@@ -161,7 +161,7 @@ def trace(
     still = flat_directions(surface, rng)
     base, known = split_directions(surface, centre, here, still)
     if len(known) == len(centre) and (known > TIGHT_RATIO).any():
-        # All directions are loose, one for each unknown, as unknowns are pressed against ends.
+        # Unknowns at ends leave no tight direction, so that each unknown becomes a loose direction.
         scale = surface.spread
         base = ridge.local_basis(centre, np.diag(scale), len(centre))
         known = np.diag(here.curvature[0]) * scale**2 + (here.slope[0] * scale) ** 2
