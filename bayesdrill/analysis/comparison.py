@@ -1,7 +1,7 @@
 """Compare several models or experiments: which is more probable, and whether repeats agree.
 
-Repeats are compared at the joint maximum.  Each experiment alone would move the unknowns by its own
-slope over its own information.  Their spread is estimated as by DerSimonian and Laird (1986).
+Repeats are compared at the joint maximum, from which a Gauss-Newton step by one experiment alone gives
+its estimate.  The spread of these is estimated as by DerSimonian and Laird (1986).
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class MarginalEstimate:
 
 @dataclass(frozen=True, slots=True)
 class OverlayRow:
-    """A row compares the `places` and `nominal` values of an unknown in each run, None if absent.
+    """A row compares estimates (`places`) and `nominal` values of an unknown by run, None if absent.
 
     `distance` is that of the `pair` of means farthest apart, over the rms of both sds, or None.
     """
@@ -141,8 +141,8 @@ Word = Literal["model", "noise", "both", "either", "priors", "neither"]
 class RunSummary:
     """A run is compared with others by its evidence and scores.
 
-    Runs with equal settings `rig` or `noise` have the same rig or noise; priors are separate, in
-    `beliefs` by unknown.  `loo` is a score, or why there is none.
+    Runs have the same rig if their settings `rig` are equal, and likewise for `noise`.  The priors of
+    the unknowns are in `beliefs`, by name.  `loo` is a score, or why there is none.
     """
 
     layer: PosteriorSummary
@@ -177,8 +177,8 @@ class ModelDecision:
     """A decision says which of several models is the most probable, and by how much.
 
     `first` and `best` are indices of the reference and of the most probable model. `gain` has the log
-    odds of the best against the reference ("first"), and against the best with the reference's rig
-    ("model") or noise ("noise"). Wide priors of `vague` unknowns alone may decide against a model.
+    odds of `best` against the reference ("first"), and against the best model with its rig ("model") or
+    noise ("noise"). Wide priors of `vague` unknowns alone may decide against a model.
     """
 
     word: Word
@@ -205,7 +205,7 @@ def decide(models: Sequence[RunSummary]) -> ModelDecision:
     }
     error = MAX_CHANCE_SE * math.hypot(top.evidence.error, first.evidence.error)
     word = _word(top, first, gain) if gain["first"] > SURE_LOG_ODDS + error else "neither"
-    # Models slightly worse than the best may have lost by wide priors that it does not have.
+    # Models slightly worse than the best may have lost by wide priors that the best does not have.
     close = [model for model in models if 0.0 < top.log_z - model.log_z < MAX_LOG_ODDS_OF_PRIORS]
     vague = {
         prior.name: None
@@ -239,7 +239,7 @@ def difference(
     return float(terms.sum()), math.sqrt(len(terms)) * float(terms.std())
 
 
-FALSE_ALARM = 0.01  # probability that any product of repeats of one rig differs by chance
+FALSE_ALARM = 0.01  # probability that repeats of one rig differ by chance in any product
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

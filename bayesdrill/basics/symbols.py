@@ -83,7 +83,7 @@ def product_latex(exponents: Sequence[int], symbols: Sequence[Symbol]) -> str:
 
 
 def superscript(latex: str, index: str) -> str:
-    """Return `latex` with exponent `index`; the `{}` keeps the braces of accents in TeX."""
+    """Return `latex` with exponent `index`; without `{}`, TeX drops the braces around an accent."""
     return (f"{{{{}}{latex}}}" if {"^", "'"} & {*latex} else latex) + f"^{{{index}}}"
 
 
@@ -139,8 +139,8 @@ def _table(*rows: Symbol) -> Mapping[str, Symbol]:
 _UFRJ = "a drill-string rig (Real, Lobo, Ritto, Pinto, JPSE 170, 2018)"
 _TYPICAL = {
     "c_s": f"0.017 fits {_UFRJ}, whose shaft has 4.1 N m/rad",
-    "j_2": "7e-3 is what the paper's estimate of j_m has more than its guess, behind a gear of 8:1",
-    "r_s": "0.2 is what the paper's estimate of r_m has more than its guess",
+    "j_2": "7e-3 behind a gear of 8:1 raises j_m from the paper's guess to its estimate",
+    "r_s": "0.2 raises r_m from the paper's guess to its estimate",
     "t_cm": "0.1 is the paper's t_f; 7e-4 fits a small servo with a flexible link",
     "t_c1": f"1.3 to 2.2 is the torque at the bit of {_UFRJ} at 12 to 15 rad/s",
     "v_d": "3.7 is that of an L298 driver at 2 A, by its data sheet",
@@ -171,10 +171,10 @@ PARAMETERS = _table(
     _or_zero("c_1", "N*m*s/rad", "c_1", "viscous damping at rotor 1"),
     _or_zero("t_cm", "N*m", "t_{cm}", "sliding friction at the motor, which changes its sign"),
     _or_zero("t_sm", "N*m", "t_{sm}", "static friction at the motor"),
-    _symbol("w_sm", "rad/s", "w_{sm}", "speed of the motor over which its static friction is lost"),
+    _symbol("w_sm", "rad/s", "w_{sm}", "speed scale of the decay of static friction at the motor"),
     _or_zero("t_c1", "N*m", "t_{c1}", "sliding friction at rotor 1"),
     _or_zero("t_s1", "N*m", "t_{s1}", "static friction at rotor 1"),
-    _symbol("w_s1", "rad/s", "w_{s1}", "speed of rotor 1 over which its static friction is lost"),
+    _symbol("w_s1", "rad/s", "w_{s1}", "speed scale of the decay of static friction at rotor 1"),
     _or_zero(
         "v_d", "V", "v_d", "voltage that driver and brushes take, against the sign of the current"
     ),

@@ -1,8 +1,8 @@
 """Update the population of a campaign by its conditional distributions (Gibbs sampling).
 
-A t distribution is a normal one whose precision has a gamma distribution.  A run first chooses a
-component of its mixture and such a precision, with its log products integrated out.  Given these, all
-else is normal: coefficients and levels, and then the log products of each run.  Covariances have the
+A t distribution is a normal one whose precision has a gamma distribution.  For each run, a component of
+its mixture and such a precision are drawn first, with its log products integrated out.  Given these,
+all else is normal: coefficients and levels, and then the log products of each run.  Covariances have the
 prior of Huang and Wand (2013): half-t standard deviations, uniform correlations.  A covariate that was
 not noted is an unknown with a standard normal prior.
 """
@@ -21,7 +21,7 @@ from bayesdrill.campaigns.mixture import RunArrays
 HALF_T_FREEDOM = 2.0  # degrees of freedom of the prior of sds; two make correlations uniform
 FREEDOMS = np.geomspace(2.0, 200.0, 14)  # values of nu; with 200 the tails are normal
 BATCH = 1 << 19  # numbers in memory at a time
-RIG_UPDATES = 8  # updates of the spread of rigs in a sweep, since few rigs leave it to its prior
+RIG_UPDATES = 8  # updates of the spread of rigs in a sweep, as a few rigs hardly determine it
 PRECISION_NODES = 24  # nodes of the quadrature over the precision of a run
 CUT_MASS = 1e-9  # mass of that precision beyond each end of the quadrature
 LEAST_STEP, MOST_STEP = 0.05, 2.0  # bounds of a Metropolis step in the logarithm of a spread
@@ -29,7 +29,7 @@ LEAST_STEP, MOST_STEP = 0.05, 2.0  # bounds of a Metropolis step in the logarith
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GibbsState:
-    """A chain has this state; `root` and `rig_root` times their transposes invert Sigma and Sigma_rig.
+    """A chain has this state: `root root'` is the inverse of Sigma, `rig_root rig_root'` of Sigma_rig.
 
     `scales (K,)` are the auxiliary numbers of the prior of the sds, and `design (R, p)` has no gaps.
     """
@@ -86,7 +86,7 @@ def start(data: RunArrays, spread_scale: float, rng: np.random.Generator) -> Gib
 def sweep(
     data: RunArrays, state: GibbsState, spread_scale: float, rng: np.random.Generator
 ) -> GibbsState:
-    """Update all that is unknown once."""
+    """Update every unknown once."""
     chosen, _ = choose(data, state, rng)
     state = _update_coefficients(data, state, chosen, rng)
     z = chosen.draw(state.centres(data.rig), state.root, rng)
@@ -125,7 +125,7 @@ class Chosen:
     def draw(self, centres: Array, root: Array, rng: np.random.Generator) -> Array:
         """Draw the log products of each run, `(R, K)`, about its centre."""
         apart = ((self.means - centres)[:, None, :] @ self.axes)[:, 0]
-        share = 1.0 / (1.0 + self.variance * self.precision[:, None])  # that the run decides
+        share = 1.0 / (1.0 + self.variance * self.precision[:, None])  # weight of the run itself
         moved = share * apart + np.sqrt(share * self.variance) * rng.standard_normal(apart.shape)
         covariance = np.linalg.inv(root @ root.T)
         return np.asarray(centres + (self.axes @ moved[..., None])[..., 0] @ covariance)
@@ -167,8 +167,8 @@ def _rescale(
 ) -> tuple[GibbsState, Array]:
     """Stretch the spread and all runs along each product in turn, by Metropolis steps.
 
-    The other updates change spreads little while the runs are fixed, and the runs little while the
-    spreads are (Yu and Meng 2011).
+    The other updates change spreads little while the runs are fixed, and runs little while the spreads
+    are fixed (Yu and Meng 2011).
     """
     n_products, centres = z.shape[1], state.centres(data.rig)
     size = np.exp(rng.uniform(np.log(LEAST_STEP), np.log(MOST_STEP), n_products))
@@ -243,7 +243,7 @@ def _impute(
 def _update_coefficients(
     data: RunArrays, state: GibbsState, chosen: Chosen, rng: np.random.Generator
 ) -> GibbsState:
-    """Draw the coefficients and then the levels of several rigs, which are normal given all but z."""
+    """Draw the coefficients, then the levels of several rigs, with log products integrated out."""
     slopes, levels, x = state.slopes, state.levels, state.design
     inverse = state.root @ state.root.T
     scale = 1.0 / (chosen.variance + 1.0 / chosen.precision[:, None])

@@ -1,8 +1,8 @@
 """Design an experiment that distinguishes a model from a rival, fitted to the same record.
 
 The rival's signals are taken to be linear in its unknowns near its fit of the expected record.  The
-difference of both signals then stands for one more unknown, whose value is one.  The information on
-this unknown is the squared difference, over the noise, that the rival cannot fit (T-optimality;
+difference of both signals then acts as the slope of one more unknown, of value one.  The information
+on this unknown is the squared difference, over the noise, that the rival cannot fit (T-optimality;
 Atkinson and Fedorov 1975).  The search of a design maximises this information.
 """
 

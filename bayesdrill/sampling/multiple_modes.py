@@ -1,8 +1,8 @@
 """Find other maxima of a density (aliases, lags), and tell distinct ones apart.
 
 Two points on one ridge are the same maximum, however far apart they are.  To test this, a path leads
-from one towards the other along the loose directions of the first.  After each step it returns to
-the ridge in the tight directions, and it ends at the other point if the ridge joins them.
+from one towards the other along the loose (hardly determined) directions of the first.  After each
+step it returns to the ridge in the tight ones, and ends at the other point if the ridge joins them.
 
 Sampled at times t, an oscillation at omega looks like one at |omega +- delta| if delta is a peak of
 the spectral window |sum exp(i delta t)|.  For even samples delta is 2 pi over the step, and for two
@@ -34,7 +34,7 @@ NEGLIGIBLE_DEPTH = 25.0  # in log density: a maximum this far below the highest 
 PATH_STEPS = 10  # steps of the path along a ridge from one point to another
 SAME_MODE = 1e-3  # in priors' spreads: two points closer than this are the same maximum
 CELL_SIZE = 1e-4  # in priors' spreads: points in one cell are taken to climb to the same maximum
-SAME_RIDGE_SDS = 3.0  # largest distance of a point on the ridge, in standard deviations
+SAME_RIDGE_SDS = 3.0  # a point nearer to the ridge than this, in standard deviations, is on it
 VALLEY_BETWEEN_MODES = 0.5  # in log density: less deep valleys are ripples of one maximum
 VALLEY_PROBES = 24  # points between two maxima at which the density is compared
 GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # for uneven spacing of the probes
@@ -126,7 +126,7 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
     return np.asarray(mass / mass.sum())
 
 
-SAME_HEIGHT = 1e-6  # relative difference of twins' log densities that rounding explains
+SAME_HEIGHT = 1e-6  # largest relative difference of equal log densities, by rounding
 POLE_PAIRS = 2  # pairs of poles whose aliases are tried, the fastest first
 MIN_IMAGINARY = 1e-6  # imaginary part over the largest pole, below which it is a rounding error
 SLOPE_STEP = 1e-5  # in priors' spreads, for differences of frequencies
@@ -137,8 +137,8 @@ MAX_ITERATIONS = 12  # Newton iterations towards the frequency of an alias
 SAME_ALIAS = 0.3  # phase error in radians over the record that a climb corrects
 MIN_ALIAS_HEIGHT = 0.3  # relative height of an alias in the spectral window
 WINDOW_OVERSAMPLING = 4  # points of the spectral window per width of a peak
-CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # time cells per radian; most in all
-SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along an unknown, and at most along a lag
+CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # time cells per radian, and the largest number of cells
+SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along an unknown; most points along a lag
 SCAN_POINTS_PER_SAMPLE = 2  # points along a lag, whose maxima may be one sample apart
 MAX_STARTS_PER_UNKNOWN = 96  # most starts from maxima along an unknown
 VALLEY_ALONG_LINE = 1.0  # in log density: less deep valleys along a line separate no maxima
@@ -146,7 +146,7 @@ VALLEY_ALONG_LINE = 1.0  # in log density: less deep valleys along a line separa
 
 @dataclass(frozen=True, slots=True)
 class NearbyStarts:
-    """Starts `u (n, D)`, and the share of the aliases inside the priors that they leave out."""
+    """Starts `u (n, D)` leave out the share `missed_share` of the aliases inside the priors."""
 
     u: Array
     missed_share: float
@@ -234,7 +234,7 @@ def scan_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
 
 
 def peaks(value: Array, valley: float) -> list[int]:
-    """Return indices of maxima of `value (N,)`, which may be -inf, parted by more than `valley`."""
+    """Return indices of maxima of `value (N,)` (or -inf), separated by valleys deeper than `valley`."""
     maxima: list[int] = []
     top, lowest, rising = 0, 0, True
     for k, x in enumerate(value):
@@ -251,7 +251,7 @@ def peaks(value: Array, valley: float) -> list[int]:
 
 
 def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Array:
-    """Return aliases of `omega` from `low` to `high` in rad/s, the most similar samples first."""
+    """Return aliases of `omega` from `low` to `high` in rad/s, by the similarity of their samples."""
     patterns: dict[bytes, Array] = {}
     for observation in posterior.likelihood.observations:
         for sampled in observation.experiment.seen.T:

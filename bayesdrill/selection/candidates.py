@@ -20,8 +20,8 @@ NOT_OF_MODEL = ("map", "sampler", "output", "simulation")  # they do not affect 
 class CandidateModel:
     """A candidate model is the model of the job `given`, with some `changes` or none.
 
-    `neutral` parameters of the rig have no effect, but they let its refit share the kernels of
-    other candidates.
+    `neutral` parameters of the rig have no effect.  With them, candidates of one kind have the same
+    parameters, so that their refits share compiled kernels.
     """
 
     given: Job
@@ -80,7 +80,7 @@ class CandidateModels(Setting):
         return [self._rung(names) for names in combinations if {*names} <= {*self.changes}]
 
     def singles(self, *, absorbing: bool = False) -> list[CandidateModel]:
-        """Return candidates with one change, but no scale: a cause, or an `absorbing` change."""
+        """Return candidates with one change, except scales: each names a cause, or is `absorbing`."""
         changes = (x for x in self.changes.values() if not x.name.startswith(SCALE))
         selected = [change for change in changes if change.absorbs == absorbing]
         return self.rungs((change.name,) for change in selected if not change.needs)
@@ -93,7 +93,7 @@ class CandidateModels(Setting):
         return self.rungs(filter(self.possible, wanted))
 
     def without_each(self, names: tuple[str, ...]) -> list[CandidateModel]:
-        """Return, for each of these changes, candidates with all others, and with less in its place."""
+        """Return candidates without one of these changes, or with a lesser change in its place."""
         subsets = [*itertools.combinations(names, len(names) - 1)][::-1]
         for name, other in itertools.product(names, self.changes.values()):
             if other.decides < self.changes[name].decides:
@@ -101,7 +101,7 @@ class CandidateModels(Setting):
         return self.rungs(subset for subset in subsets if subset and self.possible(subset))
 
     def possible(self, names: Sequence[str]) -> bool:
-        """Return whether changes are compatible, and no single change is the same as all of them."""
+        """Return whether changes are compatible, and no single change replaces several of them."""
         changes = [self.changes[name] for name in names if name in self.changes]
         decided = [place for change in changes for place in change.decides]
         needed = {change.needs for change in changes} - {""}

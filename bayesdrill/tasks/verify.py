@@ -27,7 +27,7 @@ class Verified:
     """A verification shows which files of a folder belong together.
 
     `problems` has each file that does not belong to the run, with the reason.  `checked` is the
-    number of files that belong to it.  `what` names the other compared items.
+    number of files that belong to it.  `what` names the contents, such as "config, record, chain".
     """
 
     folder: Path
@@ -154,7 +154,7 @@ def _changed(folder: Path, kind: Kind, files: Mapping[str, str]) -> Iterator[Iss
 
 
 def _way_back(kind: Kind, name: str) -> str:
-    """Return the command that restores a file; `bayesdrill report` cannot remake its input."""
+    """Return the command that restores a file; `bayesdrill report` cannot restore what it reads."""
     if kind is not POSTERIOR:
         return f"`bayesdrill {kind.job} --force` makes it again"
     if output_files.REPORT_SOURCES.is_output(name) or name in output_files.CONFIGS:

@@ -32,9 +32,9 @@ def line(outcome: Outcome) -> str:
 def markdown(every: Sequence[Measured], absent: Sequence[Row], seconds: float) -> list[str]:
     failed = [one.name for one in every if not one.passed]
     told = (
-        f"{len(every) - len(failed)} of {len(every)} rows did what they should, each run in at "
-        f"most {seconds:.0f} s, one of ten million samples in 360 s"
-        + (f"; not: {', '.join(failed)}." if failed else ".")
+        f"{len(every) - len(failed)} of {len(every)} rows did what they should"
+        + (f"; {', '.join(failed)} did not." if failed else ".")
+        + f" A run may take {seconds:.0f} s, and 360 s with ten million samples."
     )
     if absent:
         names = ", ".join(row.name for row in absent)

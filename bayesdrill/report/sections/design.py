@@ -76,7 +76,7 @@ def _sentence(target: TargetOutlook) -> str:
     if target.hidden_by:
         scaled = "; ".join(", ".join(names) for names in target.hidden_by)
         return (
-            f"{target.name}: no waveform shows it, as no channel shows a common factor of {scaled}"
+            f"{target.name}: no waveform shows it, as scaling {scaled} together changes no channel"
         )
     sds = target.usual_sds
     best = min(sds, key=lambda name: sds[name])
@@ -188,7 +188,7 @@ def _waveform(panel: Axes, design: ExperimentDesign, symbol: Symbol, time: scale
 def _responses(
     design: ExperimentDesign, problem: Problem
 ) -> Iterator[tuple[scales.Labelled, Array, tuple[float, ...]]]:
-    """Yield label, band `(3, T)` and limits of each channel and each further limited sum."""
+    """Yield label, band `(3, T)` and limits of each channel and each other limited quantity."""
     limits = design.request.limits
     ends = {limit.text: tuple(filter(np.isfinite, (limit.low, limit.high))) for limit in limits}
     for k, channel in enumerate(design.experiment.channels):

@@ -1,10 +1,10 @@
 """Define dry friction, and the laws of its size.
 
-    at' = ... - (entry of B) * T         T = sgn(at) size   while it moves,
+    w' = ... + b T,  b < 0               T = sgn(w) size    while it moves,
                                          |T| <= size        while it sticks
 
-`Friction` names an effort of a rig and its law.  Its effort is a column of the rig's `B`, whose
-entry in the row that it is `against` is negative.  Laws give sizes, never signs.  Their argument is
+`Friction` names an effort T, its law, and the speed (or current) w that T is `against`.  The effort
+has a column of the rig's `B`, with b in the row of w.  Laws give sizes, never signs.  Their argument is
 the magnitude of the speed.  A law that differs by direction also receives `DIRECTION`, which is 1
 forwards and -1 backwards.
 """
@@ -26,7 +26,7 @@ DIRECTION = "direction"  # name of the sign of the speed among the arguments of 
 
 
 class Law(Protocol):
-    """A law gives the size of a friction as a function of the speed; it is frozen, as rigs are."""
+    """A law gives the size of a friction as a function of the speed; it is immutable, as rigs are."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -114,7 +114,7 @@ class Gravity:
 
 @dataclass(frozen=True, slots=True)
 class Coulomb:
-    """Coulomb friction has the size of `sliding` at any speed, or of `backward` (if named)."""
+    """Coulomb friction has the size `sliding` at any speed; backwards `backward`, if it is named."""
 
     sliding: str
     backward: str = ""
@@ -140,7 +140,7 @@ class Coulomb:
 class Stribeck:
     """Stribeck's law is `sliding + (static - sliding) exp(-(|w|/scale)^power)`.
 
-    The speed w is `times` the state. `backward` has the names of sliding and static
+    The speed w is the state, multiplied by `times`. `backward` has the names of sliding and static
     friction backwards, which are empty if they do not differ by direction.
     """
 
@@ -202,8 +202,8 @@ class QuadraticDrag:
 class BackwardDamping:
     """The excess of viscous friction backwards is `(backward - forward) |w|`.
 
-    The friction forwards is in the rig's matrix `A`, for both directions. The speed w is `times`
-    the state.
+    The friction forwards is in the rig's matrix `A`, for both directions. The speed w is the
+    state, multiplied by `times`.
     """
 
     forward: str
