@@ -76,8 +76,8 @@ SENTENCES: Mapping[str, str] = {
     ),
     "fast decay": (
         "sampling: the fastest motion dies out within {decay_ms:.3g} ms (pole at {pole:.3g} 1/s), the "
-        "record has a sample every {step_ms:.3g} ms{draws}. Its time constant{mostly} is seen only "
-        "through slower motions"
+        "record has a sample every {step_ms:.3g} ms{draws}. What sets it{mostly} is seen only through "
+        "slower motions"
     ),
     "fast oscillation": (
         "sampling: an oscillation of {frequency:.3g} Hz is faster than half of the {rate:.4g} samples "
