@@ -28,7 +28,7 @@ _SVG_SIZE = re.compile(rb'<svg[^>]*\bwidth="([\d.]+)pt" height="([\d.]+)pt"')
 class EmbeddedPicture:
     """The picture is part of the page, as a data URL with its size in pixels.
 
-    `tenths` of the page's width are the widest that it is shown, so that figures have equal letters.
+    It is shown at most `tenths` / 10 of the page wide, so that all figures have equal letters.
     """
 
     url: str
@@ -111,7 +111,7 @@ def _embedded(path: Path) -> EmbeddedPicture | None:
 
 
 def after(text: str, known: str) -> str:
-    """Return a text without its beginning `known`, which the title has already."""
+    """Return a text without the prefix `known`, which the title contains already."""
     remainder = text.removeprefix(known)
     return text if remainder == text else remainder[:1].upper() + remainder[1:]
 
