@@ -133,7 +133,7 @@ class ComparisonReport:
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
-        """Return the sections with the figures, which a terminal does not show."""
+        """Return the sections, including the figures, which a terminal does not show."""
         pictures = [Picture(name, drawing.says) for name, drawing in self.figures.items()]
         return comparison_sections(self.layers, self.models, self.rows, self.units, pictures)
 
@@ -175,7 +175,7 @@ class ComparisonReport:
 
 
 def ranking(causes: Causes, seconds: Mapping[tuple[str, ...], float]) -> str:
-    """Return the ranked candidates, with the processor time that sampling would take [s]."""
+    """Describe the ranked candidates; `seconds` has the processor time that sampling would take."""
     lines = [
         f"{count_noun(len(causes.ranked), 'candidate')}, each at its maximum: log Bayes factor against "
         "the config as given, by Laplace's approximation, and the processor time that sampling would "

@@ -64,8 +64,8 @@ def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str
         "column the right one?"
         for summary in still
     ]
-    # Prediction and simulation differ only for correlated noise or a missing torque. Their fits are
-    # NRMSE fits, one minus the unexplained share, which is negative if a constant would fit better.
+    # Prediction and simulation differ only for correlated noise or a missing torque. The percentages
+    # are NRMSE fits: one minus the unexplained share, negative if a constant would fit better.
     each = ", ".join(
         f"{summary.name} {100 * (1 - summary.simulated):.4g} % and {100 * (1 - summary.ahead):.4g} %"
         for summary in shared
@@ -186,7 +186,7 @@ def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
 
 
 def describe_timing(moment: InputTiming | None) -> Iterable[str]:
-    """Yield a sentence on how far half a sample of input delay would shift values, if it is far."""
+    """Yield a sentence on the shift of values by half a sample of input delay, if it is large."""
     if moment is None or not moment.matters:
         return
     moved = sorted(moment.shifts, key=lambda shift: -abs(shift[1]))

@@ -100,7 +100,7 @@ class MapReport:
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
-        """Return the sections of its page, with the figures, which a terminal does not show."""
+        """Return the sections of the page, including the figures, which a terminal does not show."""
         return self._sections(self.figures)
 
     @property

@@ -29,7 +29,7 @@ def build_page(
 ) -> tuple[Figure, list[Axes]]:
     """Build a figure and its `n` panels, row by row; matplotlib keeps texts apart.
 
-    `row` is the height of a row in inches, with tick labels.  A figure as wide as one column of text
+    `row` is the height in inches of a row of panels and their tick labels.  A figure of single width
     has at most `narrow` panels in a row.  If a height `first` or `last` is given, a panel of the
     figure's width is added at the top or at the bottom.
     """
@@ -116,7 +116,7 @@ def ranks_panel(
     numbers: int = 5,
     look: style.Look = style.CHANCE,
 ) -> None:
-    """Draw `away` from `departures`, up to `most`; the label `wrong` is for ranks outside the band."""
+    """Draw `away`, a result of `departures`, up to `most`; `wrong` labels ranks outside the band."""
     places, (low, high, ranks) = np.pad(band.shares, 1, constant_values=(0, 1)), away
     difference_panel(panel, places, (low, high), most, numbers, look)
     panel.plot(places, ranks, zorder=2, **(style.OUTSIDE if wrong else style.BLACK_LINE))
@@ -148,7 +148,7 @@ CENTRAL_SHARE = 0.999  # fraction of the draws that an axis shows
 # Above this correlation, bins are sheared, and the density is not reflected at priors' ends.
 MIN_SHEARED_CORRELATION = 0.9
 BANDWIDTH_FACTOR = 1.3  # relative to Scott's rule, which suits normal distributions but not boxes
-# Smallest slope at a contour: change per bandwidth, in sds of the density's noise. Noise gives 0.8.
+# Smallest slope at a contour: change per bandwidth / sd of the density. Noise alone gives 0.8.
 MIN_SLOPE_SDS = 2.0
 CONTOUR = {"colors": style.BLACK}
 INNER_GREY, OUTER_GREY = "0.68", "0.85"  # greys inside the inner and the outer contour

@@ -29,7 +29,7 @@ from bayesdrill.sampling.workers import WorkerPool
 
 
 def drawings(name: str, run: ReportContext) -> dict[str, Drawing]:
-    """Return the drawings of the figure `name`, one or one per experiment, by stems of their files.
+    """Return the drawings of a figure (one, or one for each experiment) by the stems of their files.
 
     Raises `TypeError` if the recipe returns anything except drawings and None.
     """
@@ -61,7 +61,7 @@ _SEVERAL = tuple(f"{stem}_{k}" for stem in PER_EXPERIMENT for k in range(1, MAX_
 
 @dataclass(frozen=True, slots=True)
 class PendingFigures:
-    """Workers of `pool` do `tasks`, which have figures by name; `formats` are of all wanted figures."""
+    """Workers of `pool` draw the figures in `tasks`; `formats` has the formats of all wanted figures."""
 
     pool: WorkerPool
     formats: Mapping[str, tuple[str, ...]]
@@ -96,7 +96,7 @@ def write_results(
 ) -> tuple[str, ...]:
     """Write all files of a run; return the names of missing files, with reasons.
 
-    Raises `OSError` if the disk is full; existing files stay whole.
+    Raises `OSError` if the disk is full; existing files are not damaged.
     """
     formats, tasks, errors = begun.formats, begun.tasks, begun.errors
     figures, wanted = folder.path / FOLDER, [*formats]

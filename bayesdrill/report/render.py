@@ -1,4 +1,4 @@
-"""Render sections as one self-contained page of HTML, and the summary as a LaTeX table."""
+"""Render sections as one self-contained page of HTML."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SVG_SIZE = re.compile(rb'<svg[^>]*\bwidth="([\d.]+)pt" height="([\d.]+)pt"')
 class EmbeddedPicture:
     """The picture is part of the page, as a data URL with its size in pixels.
 
-    It is shown at most `tenths` / 10 of the page wide, so that all figures have equal letters.
+    Its largest width is `tenths` tenths of the page, so that all figures have letters of equal size.
     """
 
     url: str

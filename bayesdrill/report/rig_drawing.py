@@ -73,7 +73,7 @@ def rig_figure(rig: Model, channels: Collection[str] = ()) -> Figure:
 
 
 def save_rig(rig: Model, path: Path) -> Path:
-    """Draw any rig into a file, in the format that its name ends with."""
+    """Draw any rig and save it at `path`, in the format of the file's ending."""
     note = {"Title": f"rig {rig.name}", "Creator": software.creator()}
     (written,) = style.save(
         rig_figure(rig), path.parent, path.stem, note, formats=(path.suffix[1:],)
@@ -239,7 +239,7 @@ class _RigDrawing:
         return max(ways.values(), key=len)
 
     def _branch(self, behind: str | None, path: list[str], free: set[str]) -> list[_Row]:
-        """Return the row of a path, then the rows of its branches, from its end backwards."""
+        """Return the row of a path, then the rows of its branches, those at the path's end first."""
         for name, other in pairwise([*([behind] if behind else []), *path]):
             self.between[other] = [link for link in self.links if {*link.ends} == {name, other}]
         free -= {*path}

@@ -1,4 +1,4 @@
-"""Write the report of a finished run, or of a maximum alone, in the order of reading."""
+"""Write the report of a finished run, in the order of reading."""
 
 from __future__ import annotations
 

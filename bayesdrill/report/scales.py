@@ -130,9 +130,9 @@ def _letter(latex: str) -> Markup:
 def _splitting(
     pattern: re.Pattern[str], inside: Callable[[str], str], outside: Callable[[str], str]
 ) -> Callable[[str], Markup]:
-    """Return a function that typesets text: matches of `pattern` by `inside`, the rest by `outside`.
+    """Return a function that applies `inside` to matches of `pattern` and `outside` to other text.
 
-    Text that is not `Markup` is escaped.
+    Results that are not `Markup` are escaped.
     """
 
     def typeset(text: str) -> Markup:
@@ -164,7 +164,7 @@ class Typesetter:
 # Ratio of the ends from which on each tick of a logarithmic axis shows its power of ten.
 LONG_LOG_RATIO = 1e4
 CROWDED_RATIO = 1e5  # ratio of the ends from which on minor ticks would be too many
-NARROW_RATIO = 1e-3  # width of an axis divided by its largest value; a lower ratio needs an origin
+NARROW_RATIO = 1e-3  # ratio of an axis's width to its largest value, below which `origin` is not 0
 
 
 type Labelled = Symbol | Channel
@@ -244,7 +244,7 @@ class Scale:
         return np.asarray(positions[(positions >= self.low) & (positions <= self.high)])
 
     def label(self, what: Labelled, separator: str = " ") -> str:
-        r"""Return a label with the power that axis values are divided by, and the unit.
+        r"""Return a label with the power of ten that divides the axis values, and the unit.
 
         For example `$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]`.
         """

@@ -1,7 +1,7 @@
 """Build a report as a list of sections with their data.
 
 Terminal, Markdown and HTML are made from the same list, though a terminal omits some blocks. A
-table has the same rows in all of them and in CSV.
+table has the same rows in these three formats and in CSV.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ class Table:
 def table_of(
     lines: Iterable[Mapping[str, str]], *left: str, brief: tuple[str, ...] | None = None
 ) -> Table:
-    """Build a table of one or more lines, each with its cells by head.
+    """Build a table of one or more lines, which map heads to cells.
 
     `Table` explains `left` and `brief`.
     """
@@ -282,7 +282,7 @@ def records_as_csv(kind: type, rows: Sequence[object]) -> str:
 
 
 def mappings_as_csv(rows: Sequence[Mapping[str, object]]) -> str:
-    """Return CSV of one or more rows, each with its cells by head; None becomes an empty cell."""
+    """Return CSV of one or more rows, which map heads to cells; None becomes an empty cell."""
     return lines_as_csv([[*rows[0]], *([*row.values()] for row in rows)])
 
 

@@ -142,7 +142,7 @@ def scale_axis(axis: Axis, scale: Scale, label: str, most: int = 4) -> None:
 def set_ticks(
     axis: Axis, places: Iterable[float], texts: Sequence[str] | None = None, between: Array = NONE
 ) -> None:
-    """Set major ticks with fixed texts or none, and minor ticks `between`; no offset is written."""
+    """Set major ticks with fixed texts or none, and minor ticks `between`; hide the offset text."""
     from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
 
     axis.set_major_locator(FixedLocator([*places]))
@@ -241,7 +241,7 @@ def save(
 
 
 def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
-    """Return metadata as the writer of a format takes them; unknown entries are joined in Keywords."""
+    """Return metadata as the writer of a format accepts them; Keywords joins entries unknown to it."""
     if kind not in _DATES:
         return dict(metadata)
     known: dict[str, str | None] = {

@@ -117,7 +117,7 @@ def opening(problem: Problem) -> str:
 
 
 def records(problem: Problem) -> str:
-    """Describe each record in a line, and the likelihood of a long one in another."""
+    """Describe each record in a line, and the likelihood of a long record in a second line."""
     lines = []
     for observation in problem.observations:
         experiment = observation.experiment
@@ -168,7 +168,7 @@ def _parts(rig: Model) -> str:
 
 
 def preview(problem: Problem, config: Config) -> str:
-    """Describe the priors, the search and the sampling of a config, and how its record was made."""
+    """Describe the priors, the search and the sampling of a config, and how its record was prepared."""
     posterior, sampler, units = problem.posterior, config.sampler, problem.units
     start = posterior.space.vector(posterior.space.start)
     density = float(posterior.density(start[None])[0])

@@ -58,7 +58,7 @@ def describe_calibration(verdict: CalibrationVerdict) -> str:
 
 
 def calibration_rule(verdict: CalibrationVerdict) -> str:
-    """Describe how often the verdict is wrong by chance, and when none is given."""
+    """Describe how often the verdict is wrong by chance, and when it cannot be "calibrated"."""
     return (
         f"A correct posterior would be called not calibrated in at most {100 * FALSE_ALARM:g} % of such "
         f"studies, for all {len(verdict.quantities)} quantities and intervals together. Nothing is "

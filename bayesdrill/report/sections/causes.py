@@ -22,7 +22,7 @@ from bayesdrill.report.view import ReportPart
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import Roles
 
-WIDER = 2.0  # upper end of a proposed prior, relative to the estimate
+WIDER = 2.0  # upper end of a proposed prior, divided by the estimate
 SHOWN = 5  # largest number of candidates or unknowns that are shown
 AND = ", and "  # after a comma, because the words of a candidate may contain an "and"
 WANDERS = 3.0  # sd between windows / sd within one, above which chance does not explain the change
@@ -44,7 +44,7 @@ LOOK = (
 
 
 def describe_causes(causes: Causes | None) -> str:
-    """Describe what would explain the misfit, the best first, and what to do next."""
+    """Describe candidates that would explain the misfit, the best first, and what to do next."""
     return "\n".join(
         aligned([part.heads, *part.lines], left={0}) if isinstance(part, Table) else part.text
         for part in candidates(causes)
@@ -98,7 +98,7 @@ def doubt(doubt: Doubt) -> str:
     sentence = {
         "end": "{names} is at an end of its prior",
         "maxima": "there is another maximum, about as high",
-        "alike": "{names} stand for each other",
+        "alike": "{names} cannot be distinguished",
         "hidden": "it ignores {share:.2g} % of the samples, and does not fit the others",
     }[doubt.kind]
     return sentence.format(names=" and ".join(doubt.said_of), share=100 * doubt.share)

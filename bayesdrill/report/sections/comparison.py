@@ -186,7 +186,7 @@ def _against_best[S: (HeldOutScore, LooScore)](
 
 
 def predicted(models: Sequence[RunSummary]) -> Iterator[str]:
-    """Yield where scores come from, or why there are none."""
+    """Yield sentences on the predictive scores: the held-out samples, and why LOO is not trusted."""
     held = {model.name: model.held_out for model in models if model.held_out is not None}
     if held:
         best = max(held, key=lambda name: held[name].score)
@@ -207,7 +207,7 @@ def predicted(models: Sequence[RunSummary]) -> Iterator[str]:
 
 
 def comparison_csv(models: Sequence[RunSummary], rows: Sequence[OverlayRow]) -> str:
-    """Return CSV with a line for each model in the order given: SI, all digits."""
+    """Return CSV with a line for each model in the given order, in SI units and full precision."""
     channels = list(dict.fromkeys(summary.name for model in models for summary in model.residuals))
     heads = ["model", "unknowns", "converged", "log_evidence", "log_evidence_error", "log_odds"]
     heads += ["probability", "held_out", "held_out_samples", "loo", "loo_refused"]
@@ -250,7 +250,7 @@ def comparison_figure(
     """Draw models, the most probable one on top and in black; `rows` of unknowns are in SI units."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [model.layer for model in models]
-    # An unknown is drawn if at least two models have it, or half of many; the table has all.
+    # An unknown is drawn if two models have it, or half of more than `FEW_MODELS`; the table has all.
     least = max(2, len(models) / 2) if len(models) > FEW_MODELS else 2
     common = [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least]
     shared = [overlay.scaled_row(row, layers, display_units) for row in common[:MAX_UNKNOWNS]]

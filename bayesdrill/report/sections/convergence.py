@@ -34,7 +34,7 @@ from bayesdrill.sampling.mode_search import SAME_POINT, Mode
 
 
 def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: DisplayUnits) -> str:
-    """Describe each maximum, and the share of the draws near it, `weights (M,)`; empty for one."""
+    """Describe the maxima and the shares `weights (M,)` of draws near them; empty for one maximum."""
     if not mode.others or weights is None:
         return ""
     names = [
@@ -197,7 +197,7 @@ LOOKS: tuple[tuple[str, float, Any], ...] = (
 )
 THIN = 0.8  # line width in a panel with all ensembles
 STRETCHES = 45  # number of segments, in each of which a median is averaged to make dashes visible
-MARKS = 4  # number of marks with ensemble numbers in a panel, unless more ensembles need one each
+MARKS = 4  # number of marks with ensemble numbers in a panel; each ensemble has at least one
 MARK = style.fix_look(linestyle="none", marker="o", markersize=6.5, markeredgewidth=0.5)
 BURN_IN: dict[str, Any] = {**style.HATCHED, "hatch": "////"}
 BANDS = 0.24  # opacity of all bands together

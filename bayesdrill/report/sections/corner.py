@@ -34,8 +34,8 @@ from bayesdrill.report.view import Drawing, ReportContext
 
 GAP = 0.06  # gap between panels, relative to a panel
 LARGEST = 2.2 * (1 + GAP)  # largest distance of a panel from the next, in inches
-LEAST = 13.0 / 72  # smallest distance of a panel from the next, in inches; a page grows for it
-READABLE = 5.7  # smallest upright labels, in points; turned labels include the axis range
+LEAST = 13.0 / 72  # smallest distance of a panel from the next, in inches; pages grow to keep it
+READABLE = 5.7  # smallest font size of upright labels [points]; turned labels show the axis range
 SMALLEST = 5.2  # smallest font size of numbers at an axis, in points
 BELOW = 0.11  # inches for the gap above a turned label and the margin under it
 CLEAR = 0.1  # share of an axis at each end that has no numbers
@@ -62,7 +62,7 @@ TURNED = CornerLayout(across=2.6, left=0.085, right=0.075)
 
 
 def _label_with_ends(scale: Scale, symbol: Symbol) -> str:
-    """Return the text of an axis without room for numbers: its label, and its range below it."""
+    """Return the text for an axis that has no room for numbers: label, and range on a second line."""
     ends = scale.number(scale.value(np.array([scale.low, scale.high])))
     low, high = (f"{end:.3g}".replace("-", "\N{MINUS SIGN}") for end in ends)
     return f"{scale.label(symbol)}\n{low} to {high}"
@@ -226,7 +226,7 @@ class CornerColumn:
 
 
 def corner_figure(draws: Array, shown: DisplayedUnknowns, width: float = scales.DOUBLE) -> Figure:
-    """Draw a corner plot of draws `(N, D)` of `shown` quantities; `CornerPage.build` explains `width`."""
+    """Draw a corner plot of draws `(N, D)` of `shown` quantities, about `width` inches wide."""
     columns = [_column(x, symbol, shown) for x, symbol in zip(draws.T, shown.symbols, strict=True)]
     with style.styled(width):
         page = CornerPage.build([(column.scale, column.symbol) for column in columns], width)
