@@ -37,7 +37,7 @@ MODELS = (
     "the estimate of each unknown."
 )
 INTERVALS = "The estimate of each unknown in each run: mean, interval and nominal value."
-CORNER = "The posteriors of all runs over each other, for each unknown and each pair (corner plot)."
+CORNER = "The overlaid posteriors of all runs, for each unknown and each pair (corner plot)."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

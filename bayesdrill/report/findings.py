@@ -199,15 +199,15 @@ SENTENCES: Mapping[str, str] = {
     ),
     "more steps than max_steps": (
         "stopped early: it would take about {needed:.0f} steps, more than sampler.max_steps "
-        "({most:.0f}); raise max_steps and continue with --resume, or hold an unknown"
+        "({most:.0f}). Raise max_steps and continue with --resume, or hold an unknown"
     ),
     "more steps than fit in memory": (
         "stopped early: it would take about {needed:.0f} steps, more than {most:.0f}, the limit for a "
-        "chain with this number of walkers and unknowns; lower sampler.walkers, or hold an unknown"
+        "chain with this number of walkers and unknowns. Lower sampler.walkers, or hold an unknown"
     ),
     "more maxima than were followed": (
         "the search for maxima stopped after {maxima:.0f} maxima: others, which the record cannot "
-        "distinguish from these, may hold about {missed:.0%} of the posterior; narrow the priors, or "
+        "distinguish from these, may hold about {missed:.0%} of the posterior. Narrow the priors, or "
         "hold an unknown"
     ),
     "some missed": MISSED.format("the ends of intervals are rough"),

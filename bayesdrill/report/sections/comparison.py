@@ -193,7 +193,7 @@ def predicted(models: Sequence[RunSummary]) -> Iterator[str]:
         yield f"held out: {count_noun(held[best].samples, 'sample')}, which {best} predicts best"
     else:
         yield (
-            "held out: nothing. `record: {held_out: [from, to]}` [s] in all configs keeps a stretch of "
+            "held out: nothing. `record: {held_out: [from, to]}` [s] in all configs keeps a part of "
             "the record out of the fit, to be predicted. `held_out: true` keeps out an experiment."
         )
     refused: dict[str, list[str]] = {}

@@ -86,8 +86,8 @@ def describe_map(mode: Mode, units: DisplayUnits) -> str:
         )
     elif same == 0:
         lines.append(
-            "     it was reached from a point of the prior, or from around another maximum; increase "
-            "map.starts or map.evaluations"
+            "     only a search from a draw of the prior, or from near another maximum, found it; "
+            "increase map.starts or map.evaluations"
         )
     elif same < 2 and n > 1:
         lines.append("     no second search confirms it; increase map.starts or map.evaluations")
@@ -305,7 +305,7 @@ TAU: dict[str, Any] = {"color": style.BLACK, "linestyle": (0, (4, 2)), "linewidt
 def autocorrelation_figure(
     theta: Array, symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw the autocorrelation of chains `(E, S, W, D)`, of each ensemble and of all."""
+    """Draw autocorrelations of chains `(E, S, W, D)` by ensemble, with time and window of all."""
     result = autocorrelation(theta)
     lags = min(theta.shape[1], math.ceil(BEYOND * (int(result.window.max()) + 1)) + 1)
     each = [autocorrelation(chain[None]).rho[:lags] for chain in theta]
