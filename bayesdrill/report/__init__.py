@@ -1,7 +1,7 @@
 """Show results: tables, sentences and figures of runs that are finished.
 
-`section` and `render` are the page, `style`, `scales` and `pages` what figures share. `sections/` has
-a module for each section: its words, its tables and its figures. Nothing here computes a result.
+`section` and `render` build pages; all figures share `style`, `scales` and `pages`. `sections/` has
+a module for each section of a report: its sentences, tables and figures. No module computes results.
 """
 
 from __future__ import annotations

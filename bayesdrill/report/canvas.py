@@ -10,14 +10,14 @@ from bayesdrill.report import style
 from bayesdrill.report.scales import DOUBLE
 
 Point = tuple[float, float]
-LINE = 0.8
+LINE = 0.8  # line width in points
 SMALL = 7.5  # font size in points
 SOLID: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "linewidth": LINE}
 HOLLOW: dict[str, Any] = SOLID | {"facecolor": "white"}
 
 
 class Canvas:
-    """The canvas is a page two columns wide; its origin is the lower left corner, its unit the inch."""
+    """The canvas is a page `DOUBLE` inches wide; x and y are inches from its lower left corner."""
 
     def __init__(self, height: float) -> None:
         self.figure = style.new_figure(DOUBLE, height)
@@ -25,17 +25,17 @@ class Canvas:
         self.axes.set_axis_off()
 
     def write(self, x: float, y: float, words: str, **look: Any) -> None:
-        """Write words centred at a place, unless their `look` aligns them."""
+        """Write `words` with their centre at (x, y), unless `look` sets another alignment."""
         self.axes.text(x, y, words, **({"ha": "center", "va": "center"} | look))
 
     def box(self, x: float, y: float, wide: float, high: float, **look: Any) -> None:
-        """Draw a rectangle around its middle."""
+        """Draw a rectangle with its centre at (x, y)."""
         from matplotlib.patches import Rectangle
 
         self.axes.add_patch(Rectangle((x - wide / 2, y - high / 2), wide, high, **look))
 
     def circle(self, x: float, y: float, radius: float, **look: Any) -> None:
-        """Draw a circle around its middle."""
+        """Draw a circle with its centre at (x, y)."""
         from matplotlib.patches import Circle
 
         self.axes.add_patch(Circle((x, y), radius, **look))

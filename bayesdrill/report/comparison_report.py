@@ -1,4 +1,4 @@
-"""Report several runs, beside each other or as models of one record; and what a ladder recommends."""
+"""Report several runs, overlaid or compared as models of one record, and the result of a ladder."""
 
 from __future__ import annotations
 
@@ -31,29 +31,29 @@ from bayesdrill.report.sections.comparison import (
 from bayesdrill.report.sections.overlay import intervals_figure, overlay_corner_figure, overlay_csv
 from bayesdrill.report.view import Drawing
 
-RANKED = 10  # number of candidates that are shown
+RANKED = 10  # largest number of candidates that are shown
 MODELS = (
     "For each model the log odds against the most probable one, the residuals of each channel, and "
     "the estimate of each unknown."
 )
 INTERVALS = "The estimate of each unknown in each run: mean, interval and nominal value."
-CORNER = "The posteriors of all runs over each other, for each unknown and each pair (corner plot)."
+CORNER = "The overlaid posteriors of all runs, for each unknown and each pair (corner plot)."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """The form of a comparison has the names of its files, and the largest number of runs.
+    """The form of a comparison has the names of its files, and the largest number `most` of runs.
 
-    `name` is that of table, page and metadata of figures, and `figure` is shown by default.
+    The files of table and page have the stem `name`, and `figure` is shown by default.
     """
 
     name: str
     kind: Kind
     figure: str
     most: int
-    purpose: str  # what is done with the runs, in messages
+    purpose: str  # what happens to the runs, as a participle for messages
     between: str  # separates names of runs in a heading
-    prefix: str = ""  # of the folder
+    prefix: str = ""  # prefix of the folder's name
 
 
 OVERLAID = Form(
@@ -77,9 +77,9 @@ COMPARED = Form(
 
 @dataclass(frozen=True)
 class ComparisonReport:
-    """The report shows two or more runs, `layers`, which are `models` if they are of one record.
+    """The report shows two or more runs, `layers`, and compares them as `models` of one record.
 
-    Unknowns are shown in `units`, and `heading` is that of pages.
+    If `models` is empty, the runs are overlaid. Unknowns have `units`; `heading` titles the page.
     """
 
     layers: tuple[PosteriorSummary, ...]
@@ -119,21 +119,21 @@ class ComparisonReport:
 
     @property
     def mark(self) -> str:
-        """Return the marks of all runs, which the metadata of a figure repeat."""
+        """Return the marks that identify the runs, for the metadata of figures."""
         return " ".join(layer.mark for layer in self.layers)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return reasons not to believe the report, or none.
 
-        They are those of the most probable model or, without models, of any run.
+        If the runs are models, only the reasons against the most probable model count.
         """
         layers = self.layers if self.best is None else (self.best.layer,)
         return tuple(f"{layer.name}: {reason}" for layer in layers for reason in layer.reasons)
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
-        """Return the sections with the figures, which a terminal does not show."""
+        """Return the sections, including the figures, which a terminal does not show."""
         pictures = [Picture(name, drawing.says) for name, drawing in self.figures.items()]
         return comparison_sections(self.layers, self.models, self.rows, self.units, pictures)
 
@@ -164,7 +164,7 @@ class ComparisonReport:
         return {f"{name}.csv": self.table, f"{name}.md": page}
 
     def page(self, figures: Path) -> str:
-        """Return the page as HTML, with the pictures that stand in `figures`."""
+        """Return the page as HTML, with the pictures from the folder `figures`."""
         symbols = [row.symbol for row in self.rows]
         return as_html(self.title, self.form.name, self.sections, figures, symbols)
 
@@ -175,7 +175,7 @@ class ComparisonReport:
 
 
 def ranking(causes: Causes, seconds: Mapping[tuple[str, ...], float]) -> str:
-    """Return the ranked candidates, with the processor time that sampling would take [s]."""
+    """Describe the ranked candidates; `seconds` has the processor time that sampling would take."""
     lines = [
         f"{count_noun(len(causes.ranked), 'candidate')}, each at its maximum: log Bayes factor against "
         "the config as given, by Laplace's approximation, and the processor time that sampling would "
@@ -190,7 +190,7 @@ def ranking(causes: Causes, seconds: Mapping[tuple[str, ...], float]) -> str:
 
 
 def ladder_opening(models: Mapping[str, str], missing: int) -> str:
-    """Describe which models, by their names in words, are to be sampled."""
+    """List the models to be sampled, with descriptions; `missing` of them have not been sampled yet."""
     done = len(models) - missing
     before = f" ({done} of them done before)" if done else ""
     lines = [f"  {name}: {about}" for name, about in models.items()]
@@ -204,7 +204,7 @@ def ladder_conclusion(about: str, left_out: Mapping[str, str], config: Path) -> 
 
 
 def about_config(about: str, name: str, report: ComparisonReport) -> str:
-    """Return the head of the recommended config."""
+    """Return the comment at the top of the recommended config."""
     verdict = next(iter(comparison_verdict(report.models)))
     simplest = "the simplest of the models that are about as probable as the best"
     return f"{name}: {about}, {simplest}.\n{verdict}"

@@ -32,7 +32,7 @@ def figure_warning(sampled: SamplingResult, left: Sequence[ResidualSummary]) -> 
 
 
 def misfit(left: Sequence[ResidualSummary]) -> str:
-    """Return the warning that figures of a fit carry; empty if it leaves only noise."""
+    """Return the warning that figures of a fit carry; it is empty if the residuals look like noise."""
     if any(summary.far_too_large for summary in left):
         return "DOES NOT FIT: the residuals are far larger than the noise"
     if any(summary.unbelievable for summary in left):
@@ -41,7 +41,7 @@ def misfit(left: Sequence[ResidualSummary]) -> str:
 
 
 def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
-    """Return a warning that lists reasons not to believe a posterior; it is empty without any."""
+    """Return a warning that lists `reasons` not to believe a posterior, or an empty string."""
     if not reasons:
         return ""
     though = ", though the ensembles converged" if converged else ""
@@ -49,8 +49,8 @@ def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
     return "\n".join([f"DO NOT BELIEVE these numbers{though}:", *listed])
 
 
-SHOWN = 5  # unknowns that a sentence names
-MAX_SHARE = 10.0  # relative to a channel's spread: larger residuals occur only if it hardly changes
+SHOWN = 5  # largest number of unknowns that a sentence names
+MAX_SHARE = 10.0  # largest ratio of residuals to a channel's sd, unless the channel hardly changes
 
 
 def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str:
@@ -64,8 +64,8 @@ def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str
         "column the right one?"
         for summary in still
     ]
-    # Only correlated noise or a missing torque makes both differ from the shares above.  They are
-    # NRMSE fits, one minus the unexplained share, which are negative if a mean would fit better.
+    # Prediction and simulation differ only for correlated noise or a missing torque. The percentages
+    # are NRMSE fits: one minus the unexplained share, negative if a constant would fit better.
     each = ", ".join(
         f"{summary.name} {100 * (1 - summary.simulated):.4g} % and {100 * (1 - summary.ahead):.4g} %"
         for summary in shared
@@ -73,8 +73,8 @@ def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str
     )
     if each:
         lines.append(
-            "fit: explained by the simulation alone, and by predictions one step ahead, which know all "
-            f"samples before: {each}."
+            "fit: explained by the simulation alone, and by predictions one step ahead, which use all "
+            f"previous samples: {each}."
         )
     if large := _worst(summaries, "large", "rms"):
         lines.append(
@@ -110,7 +110,7 @@ def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str
 
 
 def residual_reasons(summaries: Sequence[ResidualSummary]) -> tuple[str, ...]:
-    """Return reasons not to believe a run whose ensembles converge, or none."""
+    """Return reasons not to believe a fit (large or correlated residuals), or none."""
     doubtful = [summary for summary in summaries if summary.unbelievable]
     large = _worst(doubtful, "large", "rms")
     correlated = _worst(doubtful, "correlated", "correlation")
@@ -121,9 +121,9 @@ def residual_reasons(summaries: Sequence[ResidualSummary]) -> tuple[str, ...]:
 
 
 def sandwich_reasons(unsupported: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the reason not to believe unknowns that sandwich sds leave undetermined, or none."""
+    """Return a reason with the `unsupported` quantities (sandwich sd / sd of the draws), or none."""
     worst = sorted(unsupported.items(), key=lambda pair: -pair[1])
-    each = ", ".join(f"{name} ({times:.3g} times as large)" for name, times in worst[:SHOWN])
+    each = ", ".join(f"{name} (sd {times:.3g} times as large)" for name, times in worst[:SHOWN])
     more = ", ..." if len(worst) > SHOWN else ""
     allowed = "with the sds that allow for correlated residuals (sandwich), the record"
     return (f"{allowed} does not determine {each}{more}",) if worst else ()
@@ -155,11 +155,11 @@ def percent(share: float) -> str:
     return f"{100 * share:.2g} %" if not share >= 0.995 else f"{100 * share:.0f} %"
 
 
-EARLY = 0.1  # in samples: inputs that act earlier than this before their record are reported
+EARLY = 0.1  # smallest lead of an input before its recorded time that is reported, in samples
 
 
 def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
-    """Yield unknowns at ends of their priors, and inputs that would act before they are recorded."""
+    """Yield notes on unknowns at ends of priors, and on inputs that act before they are recorded."""
     units, priors = problem.units, problem.posterior.space.priors
     si = {symbol.name: symbol for symbol in problem.symbols}
     for name in mode.at_bound:
@@ -171,7 +171,7 @@ def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
             shown = f"{value / units.factor(name):.4g} {symbol.plain_unit}".removesuffix(" 1")
             yield (
                 f"prior: {name} is at an end of its prior, {shown}. That is normal if the record does "
-                "not determine it (`bayesdrill identify`). Otherwise check its unit, and widen it."
+                "not determine it (`bayesdrill identify`). Otherwise widen the prior or check its unit."
             )
     for observation in problem.observations:
         sensing, step = observation.response.sensing, median_step(observation.experiment.t)
@@ -186,7 +186,7 @@ def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
 
 
 def describe_timing(moment: InputTiming | None) -> Iterable[str]:
-    """Yield a sentence on how far values are off by half a sample of delay, if they are far off."""
+    """Yield a sentence on the shift of values by half a sample of input delay, if it is large."""
     if moment is None or not moment.matters:
         return
     moved = sorted(moment.shifts, key=lambda shift: -abs(shift[1]))
@@ -201,7 +201,7 @@ def describe_timing(moment: InputTiming | None) -> Iterable[str]:
 
 
 def step_sentences(errors: Sequence[StepError]) -> str:
-    """Return a line for the worst of the harmless steps, and one for each of the others."""
+    """Return a line for the largest harmless error, and a line for each error that is not harmless."""
     lines = []
     fine = sorted((error for error in errors if error.fine), key=lambda error: -error.worst)
     for error in (*fine[:1], *(error for error in errors if not error.fine)):
@@ -226,16 +226,16 @@ def step_sentences(errors: Sequence[StepError]) -> str:
 
 
 def steps_wanted(error: StepError) -> int:
-    """Return how many sub-steps make the error small enough, rounded up to a power of two."""
+    """Return steps per sample that make the error small: the present number times a power of two."""
     return error.pieces << max(1, math.ceil(math.log2(error.worst / MAX_ERROR_OVER_NOISE)))
 
 
 def prior_notes(rows: Sequence[ParameterRow], display_units: DisplayUnits) -> list[str]:
-    """Return notes that doubt the prior or the model, but not the draws; `rows` in SI."""
+    """Return notes on unknowns that are pressed against an end of the prior; `rows` are in SI."""
     return [
         f"note: {row.name} is pressed against the end "
-        f"{display_units.format_value(row.name, row.pressed_against)} of its prior, which ends "
-        "where the record pulls. Widen it, or check the model, the units and the held values."
+        f"{display_units.format_value(row.name, row.pressed_against)} of its prior. The record pulls it "
+        "beyond this end. Widen the prior, or check the model, the units and the held values."
         for row in rows
         if row.pressed_against is not None
     ]

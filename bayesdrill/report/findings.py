@@ -25,7 +25,7 @@ AT_WALKER = (
     "{centre:.4g} +- {sd:.2g} in SI"
 )
 MISSED = (
-    "coverage: about {{percent:.2g}} % of the posterior lies where the proposal hardly ever leads, "
+    "coverage: about {{percent:.2g}} % of the posterior lies where the proposal hardly ever draws, "
     "so {}; narrow the priors that span decades"
 )
 NEIGHBOURS = "neighbours predict a sample that is left out"
@@ -33,15 +33,15 @@ NEIGHBOURS = "neighbours predict a sample that is left out"
 SENTENCES: Mapping[str, str] = {
     "unlikely nominal value": (
         "the nominal value {value:.4g} of {name} is far outside its prior: only {percent:g} % of the "
-        "prior is not between {low:.4g} and {high:.4g}. One of the two, or its unit, is wrong"
+        "prior is not between {low:.4g} and {high:.4g}. The value, the prior or a unit is wrong"
     ),
     "states without roles": (
         "roles: {model} gives no role to {states}. Friction, energy and missing torques are "
-        "not checked there. Name it in the rig's `roles`"
+        "not checked there. Name the missing roles in the rig's `roles`"
     ),
     "another gear": (
         "{channel} measures {times:g} * {state}, but {fast} {moves} {ratio:.4g} times as fast as "
-        "{behind} ({entry}). One of the two is wrong for this rig"
+        "{behind} ({entry}). One of the two factors is wrong for this rig"
     ),
     "friction that drives": (
         "friction: in {percent:.3g} % of the record {inertia} {moves} the other way, and {friction}, "
@@ -75,9 +75,9 @@ SENTENCES: Mapping[str, str] = {
         "1/s: the rig would run away by itself"
     ),
     "fast decay": (
-        "sampling: the fastest motion dies out within {decay_ms:.3g} ms (pole at {pole:.3g} 1/s), the "
-        "record has a sample every {step_ms:.3g} ms{draws}. What sets it{mostly} is seen only through "
-        "slower motions"
+        "sampling: the fastest motion dies out within {decay_ms:.3g} ms (pole at {pole:.3g} 1/s), but "
+        "the record has a sample every {step_ms:.3g} ms{draws}. The time constant of this motion"
+        "{mostly} shows only through slower motions"
     ),
     "fast oscillation": (
         "sampling: an oscillation of {frequency:.3g} Hz is faster than half of the {rate:.4g} samples "
@@ -105,17 +105,17 @@ SENTENCES: Mapping[str, str] = {
         "the column: np.unwrap(x, period={period:.6g})"
     ),
     "delay and time constant": (
-        "timing: {delay_name} and a time constant stand for each other (correlation {correlation:.3f}): "
-        "{delay:.3g} ms, sd {delay_sd:.2g}, and {tau:.3g} ms, sd {tau_sd:.2g}. Hold the delay if it is "
-        "known, or record faster changes of the input"
+        "timing: {delay_name} and a time constant cannot be distinguished (correlation "
+        "{correlation:.3f}): {delay:.3g} ms, sd {delay_sd:.2g}, and {tau:.3g} ms, sd {tau_sd:.2g}. Hold "
+        "the delay if it is known, or record faster changes of the input"
     ),
     "nothing moved": (
         "nothing moved: every row has the same {channels}. Mend the sensor and record again, or name "
         "another column"
     ),
     "still channel": (
-        "still: {channel} is the same in every row, while others move. Mend the sensor, name another "
-        "column, or leave it out"
+        "still: {channel} is the same in every row, while other channels move. Mend the sensor, name "
+        "another column, or leave it out"
     ),
     "zeros between": (
         "zeros: in {channel} only one cell in {period:.0f} is not zero, as in the column of a slower "
@@ -144,39 +144,39 @@ SENTENCES: Mapping[str, str] = {
     ),
     "anomaly": "{text}",
     "differentiated angle": (
-        "derived: the noise of {speed} is that of differences of {angle}. If it is no measurement of "
-        "its own, it must not count twice: say derived_from: {angle} at {speed}, or leave it out"
+        "derived: the noise of {speed} is that of differences of {angle}. If {speed} was computed from "
+        "{angle}, it must not count twice: say derived_from: {angle} at {speed}, or leave it out"
     ),
     "residuals after an input": FOLLOWED,
     "residuals before an input": FOLLOWED + ": the input reacts to the rig, or times are off",
     "walkers that hardly move": (
         "{count:.0f} of {walkers:.0f} walkers did not move for {share:.0%} of {steps:.0f} steps or "
-        "longer: the moves do not suit this posterior. Give sampler.moves other shares"
+        "longer: the moves do not suit this posterior. Change the shares in sampler.moves"
     ),
     "stuck walkers": (
         "{counted} stuck: the longest did not move for {stay:.0f} of {steps:.0f} steps ("
         + AT_WALKER
-        + "). Start over with another seed. If it happens there again, look at what the model does at "
-        "this place"
+        + "). Start over with another seed. If a walker is stuck there again, check the model at these "
+        "values"
     ),
     "walkers at a low density": (
         "{counted} far from where the posterior is: log density {density:.1f}, the others' {others:.1f} "
         "("
         + AT_WALKER
-        + "). This is a lower maximum, or the chain is still on its way. Start over with another seed, "
-        "or let an end of the prior exclude this place"
+        + "). This is a lower maximum, or the chain has not reached the posterior yet. Start over with "
+        "another seed, or exclude these values by an end of the prior"
     ),
     "two groups of walkers": (
         "the walkers sit in two places and hardly ever cross between them (SI; {places} by "
         "{walkers:.0f} walkers in {steps:.0f} steps). The shares are those of the start, not of the "
-        "posterior. Give the prior an end that leaves one place out, or add a record that "
-        "distinguishes them"
+        "posterior. Exclude one place by an end of the prior, or add a record that distinguishes the "
+        "two"
     ),
     "growing autocorrelation time": (
-        "the autocorrelation time of {unknown} still grows with the chain: {quarter:.0f} steps from "
-        "quarters of it, {half:.0f} from halves, {whole:.0f} from the whole. The usual estimate, "
-        "{tau:.0f} steps, is too small. The chain is at most {times:.0f} autocorrelation times long, "
-        "which is too short"
+        "the autocorrelation time of {unknown} still grows with the chain: estimates are {quarter:.0f} "
+        "steps from quarters of the chain, {half:.0f} from halves and {whole:.0f} from all of it. The "
+        "usual estimate, {tau:.0f} steps, is too small. The chain is at most {times:.0f} "
+        "autocorrelation times long, which is too short"
     ),
     "burn-in too short to judge": (
         "the run is too short to judge its burn-in: {taus:.0f} autocorrelation times are {wanted:.0f} "
@@ -194,22 +194,21 @@ SENTENCES: Mapping[str, str] = {
     ),
     "stopped early, as tau grows": (
         "stopped early: tau grows with the chain. It was {tau:.0f} at step {steps:.0f} and is "
-        "{late_tau:.0f} at step {late_steps:.0f}. More steps do not help. Hold an unknown, give the "
-        "priors nearer ends, or check whether the model can make this record at all"
+        "{late_tau:.0f} at step {late_steps:.0f}. More steps do not help. Hold an unknown, narrow the "
+        "priors, or check whether the model can produce this record at all"
     ),
     "more steps than max_steps": (
         "stopped early: it would take about {needed:.0f} steps, more than sampler.max_steps "
-        "({most:.0f}); raise that and continue with --resume, or hold an unknown"
+        "({most:.0f}). Raise max_steps and continue with --resume, or hold an unknown"
     ),
     "more steps than fit in memory": (
-        "stopped early: it would take about {needed:.0f} steps, more than the {most:.0f} that a chain "
-        "of so many walkers and unknowns may have; give sampler.walkers a smaller number, or hold an "
-        "unknown"
+        "stopped early: it would take about {needed:.0f} steps, more than {most:.0f}, the limit for a "
+        "chain with this number of walkers and unknowns. Lower sampler.walkers, or hold an unknown"
     ),
     "more maxima than were followed": (
-        "the search for maxima stopped at {maxima:.0f} of them: others, which the record cannot "
-        "distinguish from these, may hold about {missed:.0%} of the posterior; give the priors nearer "
-        "ends, or hold an unknown"
+        "the search for maxima stopped after {maxima:.0f} maxima: others, which the record cannot "
+        "distinguish from these, may hold about {missed:.0%} of the posterior. Narrow the priors, or "
+        "hold an unknown"
     ),
     "some missed": MISSED.format("the ends of intervals are rough"),
     "much missed": MISSED.format("all numbers are rough"),
@@ -225,7 +224,7 @@ SENTENCES: Mapping[str, str] = {
         "{percent:.3g} % intervals of {quantity} hold the truth in {inside:.0f} % of the refits"
     ),
     "refits not converged": (
-        "{count:.0f} of {refits:.0f} refits did not converge (at most {most:g} % may)"
+        "{count:.0f} of {refits:.0f} refits did not converge (allowed: at most {most:g} %)"
     ),
     "refits without draws": "{count:.0f} of {refits:.0f} refits gave no draws at all",
 }
@@ -268,7 +267,7 @@ def _phrases(finding: Finding) -> dict[str, str]:
         "draws": share,
         "late": f"{lag:+.0f} sample" if abs(lag) == 1.0 else f"{lag:+.0f} samples",
         "often": count_noun(round(numbers.get("jumps", 0.0)), "time"),
-        "mostly": f", mostly {names['constants']}," if names.get("constants") else "",
+        "mostly": f", mostly due to {names['constants']}," if names.get("constants") else "",
         "reason": f" ({names['shape']})" if names.get("shape") else "",
         "counted": walkers,
     }

@@ -62,7 +62,7 @@ class MapReport:
 
     @cached_property
     def correlations(self) -> tuple[ResidualCorrelation, ...]:
-        """Return correlations of the residuals if these are more than noise, or none."""
+        """Return correlations of the residuals if the residuals are more than noise, or none."""
         if residual_checks.like_noise(self.left):
             return ()
         return residual_checks.correlations(self.problem.posterior.likelihood, self.best)
@@ -100,7 +100,7 @@ class MapReport:
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
-        """Return the sections of its page, with the figures, which a terminal does not show."""
+        """Return the sections of the page, including the figures, which a terminal does not show."""
         return self._sections(self.figures)
 
     @property
@@ -118,7 +118,7 @@ class MapReport:
         }
 
     def draw(self, folder: Path, title: str, **marks: str) -> None:
-        """Draw all figures of the page in `folder`; title and marks are metadata of their files."""
+        """Draw all figures of the page in `folder`; `title` and `marks` are metadata of the files."""
         place, output = folder / output_files.FIGURES, self.config.output
         place.mkdir(exist_ok=True)
         note = {"Title": title, "Creator": software.creator(), **marks}
@@ -133,7 +133,7 @@ class MapReport:
         title: str | None = None,
         parent: tuple[str, str] | None = None,
     ) -> str:
-        """Return the page as HTML, with the pictures and the config in `folder`, and `more` below.
+        """Return the page as HTML: pictures and config from `folder`, and sections `more` at the end.
 
         The title is the name of the config by default; `as_html` explains `parent`.
         """

@@ -29,9 +29,9 @@ def build_page(
 ) -> tuple[Figure, list[Axes]]:
     """Build a figure and its `n` panels, row by row; matplotlib keeps texts apart.
 
-    `row` is the height of a row with its numbers, in inches.  A figure as wide as one column of text
-    has at most `narrow` panels in a row.  With a height `first` or `last`, the first or the last
-    panel is as wide as the page.
+    `row` is the height in inches of a row of panels and their tick labels.  A figure of single width
+    has at most `narrow` panels in a row.  If a height `first` or `last` is given, a panel of the
+    figure's width is added at the top or at the bottom.
     """
     if width < DOUBLE:
         columns, row = min(columns, narrow), NARROW_ROW * row
@@ -98,12 +98,12 @@ def legend_above(figure: Figure, looks: Mapping[str, style.Look], **options: Any
 
 
 def departures(band: RankBand, ranks: Counts) -> Array:
-    """Return both edges of a band and the distribution of `ranks`, minus uniform: `(3, L + 2)`."""
+    """Return both edges of a band and the ECDF of `ranks`, minus the uniform CDF: `(3, L + 2)`."""
     counts = np.stack([band.low, band.high, band.counts(ranks)])
     return np.pad(counts / max(band.n, 1) - band.shares, ((0, 0), (1, 1)))
 
 
-# Upper and lower limit of a panel, relative to the largest difference; the name is at the top.
+# Upper and negative lower limit of a panel, divided by the largest difference; the top has the name.
 HEAD_ROOM, FOOT_ROOM = 1.7, 1.12
 
 
@@ -116,7 +116,7 @@ def ranks_panel(
     numbers: int = 5,
     look: style.Look = style.CHANCE,
 ) -> None:
-    """Draw the result `away` of `departures`, up to `most`; `wrong` is its label outside the band."""
+    """Draw `away`, a result of `departures`, up to `most`; `wrong` labels ranks outside the band."""
     places, (low, high, ranks) = np.pad(band.shares, 1, constant_values=(0, 1)), away
     difference_panel(panel, places, (low, high), most, numbers, look)
     panel.plot(places, ranks, zorder=2, **(style.OUTSIDE if wrong else style.BLACK_LINE))
@@ -132,7 +132,7 @@ def difference_panel(
     numbers: int = 5,
     look: style.Look = style.CHANCE,
 ) -> None:
-    """Draw a line at zero, and the `band` of chance over ranks `shares (S,)`, up to `most`."""
+    """Draw zero and the `band` that chance allows at `shares (S,)`, for differences up to `most`."""
     panel.fill_between(shares, *band, zorder=0, **look)
     panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
     panel.set_xlim(0, 1)
@@ -142,13 +142,13 @@ def difference_panel(
 
 
 Ends = tuple[float, float]
-LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %
+LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 % in 2D
 BINS = 52  # bins across the draws of one unknown, with a margin for the smoothing
-CENTRAL_SHARE = 0.999  # share of the draws inside an axis
+CENTRAL_SHARE = 0.999  # fraction of the draws that an axis shows
 # Above this correlation, bins are sheared, and the density is not reflected at priors' ends.
 MIN_SHEARED_CORRELATION = 0.9
 BANDWIDTH_FACTOR = 1.3  # relative to Scott's rule, which suits normal distributions but not boxes
-# Least fall of the density across a bandwidth, in sds of its noise; noise alone gives 0.8.
+# Smallest slope at a contour: change per bandwidth / sd of the density. Noise alone gives 0.8.
 MIN_SLOPE_SDS = 2.0
 CONTOUR = {"colors": style.BLACK}
 INNER_GREY, OUTER_GREY = "0.68", "0.85"  # greys inside the inner and the outer contour
@@ -161,12 +161,12 @@ def contours(
     fine: float = 1.0,
     lines: style.Look | None = None,
 ) -> None:
-    """Draw filled contours by `corner`, of a smoothed density that is reflected at priors' ends.
+    """Draw filled contours with `corner`; the smoothed density is reflected at ends of priors.
 
-    If the draws are nearly on a line, bins are sheared along the regression of y on x: upright ones
-    would show a ridge as wide as the bins.  A contour that noise alone would draw, because the
-    density is flat there, is left out.  `xy` are draws `(N,)` of both, `ends` those of their priors,
-    `fine` scales lines, and `lines` is the style of contours that are not filled.
+    If the draws are nearly on a line, bins are sheared along the regression of y on x: upright bins
+    would show a ridge as wide as the bins.  A contour is omitted where the density is so flat that
+    noise determines the contour.  `xy` are draws `(N,)` of two unknowns, `ends` those of their priors.
+    `fine` scales line widths.  If a style `lines` is given, contours are lines without a fill.
     """
     import corner
     from matplotlib.transforms import Affine2D
@@ -219,7 +219,7 @@ def _bandwidth(x: Array, ends: Ends) -> float:
 
 
 def _resolved_levels(counts: Array, smooth: Sequence[float]) -> tuple[float, ...]:
-    """Return the `LEVELS` whose contour lies where the density falls by more than its noise."""
+    """Return the `LEVELS` along whose contours the density changes by more than its noise."""
     from scipy.ndimage import gaussian_filter
 
     density = gaussian_filter(counts, smooth)

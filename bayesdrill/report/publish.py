@@ -29,9 +29,9 @@ from bayesdrill.sampling.workers import WorkerPool
 
 
 def drawings(name: str, run: ReportContext) -> dict[str, Drawing]:
-    """Return a figure of this run, or one for each experiment, by the stems of the files.
+    """Return the drawings of a figure (one, or one for each experiment) by the stems of their files.
 
-    Raises `TypeError` if a recipe returns no drawing.
+    Raises `TypeError` if the recipe returns anything except drawings and None.
     """
     given = FIGURES[name](run)
     figures = given if isinstance(given, tuple) else () if given is None else (given,)
@@ -48,20 +48,20 @@ FIGURES: Registry[Recipe] = Registry(
 
 
 def wanted_figures(wanted: Collection[str] | None) -> list[str]:
-    """Return names of the figures that a config asks for; None stands for all but those on request."""
+    """Return the names of figures to draw: those `wanted` or, for None, all except `ON_REQUEST`."""
     if wanted is None:
         return [name for name in FIGURES if name not in ON_REQUEST]
     return [name for name in FIGURES if name in wanted]
 
 
-# Tables that follow from a chain alone; None if a run has no such table.
+# By file name, functions that return a table as text, or None if a run has no such table.
 TABLES = MappingProxyType({name: text for part in PARTS for name, text in part.files.items()})
 _SEVERAL = tuple(f"{stem}_{k}" for stem in PER_EXPERIMENT for k in range(1, MAX_NAMED + 1))
 
 
 @dataclass(frozen=True, slots=True)
 class PendingFigures:
-    """Workers of `pool` draw figures: `tasks` by name; `formats` has those of all wanted figures."""
+    """Workers of `pool` draw the figures in `tasks`; `formats` has the formats of all wanted figures."""
 
     pool: WorkerPool
     formats: Mapping[str, tuple[str, ...]]
@@ -72,7 +72,7 @@ class PendingFigures:
 def begin_figures(
     view: ReportContext, folder: Folder, pool: WorkerPool, report: Reporter, *, pdf: bool = False
 ) -> PendingFigures:
-    """Begin to draw the figures that show draws alone; `pdf`: every figure as PDF too."""
+    """Begin to draw the figures that need no analysis; with `pdf`, each figure is saved as PDF too."""
     output, errors = view.config.output, ErrorCollector()
     figures = folder.path / FOLDER
     figures.mkdir(exist_ok=True)
@@ -94,13 +94,13 @@ def begin_figures(
 def write_results(
     view: ReportContext, folder: Folder, begun: PendingFigures, report: Reporter
 ) -> tuple[str, ...]:
-    """Write all files of a run; return the names of those that could not be made, with reasons.
+    """Write all files of a run; return the names of missing files, with reasons.
 
-    Raises `OSError` if the disk is full; existing files stay whole.
+    Raises `OSError` if the disk is full; existing files are not damaged.
     """
     formats, tasks, errors = begun.formats, begun.tasks, begun.errors
     figures, wanted = folder.path / FOLDER, [*formats]
-    report.update(0.0, "looking at what the draws say")
+    report.update(0.0, "analysing the draws")
     _ = view.analysis  # evaluate the analysis while other processes draw
     report.update(0.0, "making tables and figures")
     others = {name: formats[name] for name in wanted if name not in tasks}

@@ -1,4 +1,4 @@
-"""Render sections as one self-contained page of HTML, and the summary as a LaTeX table."""
+"""Render sections as one self-contained page of HTML."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SVG_SIZE = re.compile(rb'<svg[^>]*\bwidth="([\d.]+)pt" height="([\d.]+)pt"')
 class EmbeddedPicture:
     """The picture is part of the page, as a data URL with its size in pixels.
 
-    `tenths` of the page's width are the widest that it is shown, so that figures have equal letters.
+    Its largest width is `tenths` tenths of the page, so that all figures have letters of equal size.
     """
 
     url: str
@@ -111,7 +111,7 @@ def _embedded(path: Path) -> EmbeddedPicture | None:
 
 
 def after(text: str, known: str) -> str:
-    """Return a text without its beginning `known`, which the title has already."""
+    """Return a text without the prefix `known`, which the title contains already."""
     remainder = text.removeprefix(known)
     return text if remainder == text else remainder[:1].upper() + remainder[1:]
 

@@ -1,7 +1,7 @@
 """Draw any rig from its roles: inertias, shafts, gears, ground and drives.
 
-Inertias and ends at the ground are parts; shafts and gears are links between them. The longest
-chain of parts is the first row, and what branches off stands in rows below.
+Inertias and fixed ends of shafts are parts; shafts and gears are links between parts. The longest
+chain of parts is the first row; branches of the chain are rows below it.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from bayesdrill.report.view import Drawing, ReportContext, ReportPart
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import GROUND, ROTARY, InertiaRoles, MotorRoles
 
-# Inches; a place is the middle of a part.
+# Lengths in inches.
 PAD, LINE_HEIGHT, SPRING, DISC = 0.1, 0.19, 0.62, (0.16, 0.8)
 CART = (0.62, 0.4)
 BESIDE_EACH_OTHER = 1.0  # distance of parallel shafts between the same inertias
 FOLDED = 1.1 * scales.DOUBLE  # width in inches beyond which a chain continues in another row
-# Heights of a motor above what it turns, of its circuit, and of the symbols above that.
+# Heights of the motor above its inertia, of its circuit, and of the symbols above the circuit.
 MACHINE, MESH, SYMBOLS = 0.62, 0.66, 0.34
 GOAL = 0.3  # length of the arrow from the goal to the controller of a servo
 
@@ -45,24 +45,24 @@ class _Link:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """The part is an inertia or the ground, with lines of text from its middle outwards."""
+    """The part is an inertia or the ground; its lines `above` and `below` begin with the nearest."""
 
     name: str
     above: tuple[str, ...] = ()
     below: tuple[str, ...] = ()
-    pushed: bool = False  # by an input, whose name is in the nearest lines
-    driven: bool = False  # by an input that drives the rig
-    held: bool = False
-    circuit: MotorRoles | None = None  # of a voltage or a servo, drawn above it
+    pushed: bool = False  # an arrow shows an input, whose symbol is in the nearest line
+    driven: bool = False  # one of its inputs drives the rig
+    held: bool = False  # damping or friction connects it to the ground
+    circuit: MotorRoles | None = None  # circuit of a voltage or a servo, drawn above the part
 
 
 @dataclass(slots=True)
 class _Row:
-    """The row holds parts from left to right; it may begin behind a part of a row above."""
+    """The row has parts from left to right; it may be linked to a part `behind` in a row above."""
 
     behind: str | None
     parts: list[str]
-    folded: bool = False
+    folded: bool = False  # continues the chain of the row above
     y: float = 0.0
 
 
@@ -73,7 +73,7 @@ def rig_figure(rig: Model, channels: Collection[str] = ()) -> Figure:
 
 
 def save_rig(rig: Model, path: Path) -> Path:
-    """Draw any rig into a file, in the format that its name ends with."""
+    """Draw any rig and save it at `path`, in the format of the file's ending."""
     note = {"Title": f"rig {rig.name}", "Creator": software.creator()}
     (written,) = style.save(
         rig_figure(rig), path.parent, path.stem, note, formats=(path.suffix[1:],)
@@ -193,7 +193,7 @@ class _RigDrawing:
     def _inputs(self, inertia: InertiaRoles) -> list[str]:
         motor = self.roles.motor(inertia.name)
         inputs = [inertia.torque, inertia.load, inertia.bit_weight]
-        inputs += [inertia.speed] * (not inertia.latex)  # a speed that is a state itself is imposed
+        inputs += [inertia.speed] * (not inertia.latex)  # an imposed speed is an input, not a state
         inputs += [motor.voltage, motor.current, motor.goal, motor.supply] if motor else []
         return [name for name in inputs if name in self.rig.inputs]
 
@@ -202,7 +202,7 @@ class _RigDrawing:
         return [name for name in names if name in self.rig.parameters]
 
     def _law(self, motor: MotorRoles) -> list[str]:
-        """Return the numbers of the controller of a servo, in lines of two."""
+        """Return the symbols of a servo's controller, two to a line."""
         law = (motor.duty, motor.proportional, motor.derivative)
         names = (*law, motor.limit, motor.band, motor.goal_speed)
         known = [name for name in names if name in self.rig.parameters]
@@ -229,7 +229,7 @@ class _RigDrawing:
         return list(dict.fromkeys(b if a == name else a for a, b in ends))
 
     def _longest(self, start: str, free: set[str]) -> list[str]:
-        """Return the longest of the shortest paths from a part to others that are free."""
+        """Return the longest of the shortest paths from the part `start` to the parts in `free`."""
         ways = {start: [start]}
         for name in (pending := [start]):
             for other in self._neighbours(name):
@@ -239,7 +239,7 @@ class _RigDrawing:
         return max(ways.values(), key=len)
 
     def _branch(self, behind: str | None, path: list[str], free: set[str]) -> list[_Row]:
-        """Return the row of a path, then the rows of its branches, from its end backwards."""
+        """Return the row of a path, then the rows of its branches, those at the path's end first."""
         for name, other in pairwise([*([behind] if behind else []), *path]):
             self.between[other] = [link for link in self.links if {*link.ends} == {name, other}]
         free -= {*path}
@@ -254,7 +254,7 @@ class _RigDrawing:
         return [*first, *others]
 
     def _folded(self, path: list[str]) -> list[list[str]]:
-        """Return a chain in pieces of about equal widths, as few as a page has room for."""
+        """Split a chain into pieces of about equal widths, as few as fit a page."""
         widths = np.array([self._slot(name) + self._width(name) for name in path])
         n = int(np.ceil(widths.sum() / FOLDED))
         pieces = (n * (np.cumsum(widths) - 0.5 * widths) / widths.sum()).astype(int)
@@ -271,7 +271,7 @@ class _RigDrawing:
         part = self.parts[name]
         mesh = self._mesh(part.circuit) + 0.36 if part.circuit else 0.3
         if part.circuit and part.circuit.goal:
-            # A part is centred, so what stands on one side of it counts twice.
+            # A part is centred in its width, so a text on one side of the part counts twice.
             goal = self._measure(self._formula([part.circuit.goal])) + GOAL
             mesh += 2 * max(goal, self._measure(*self._law(part.circuit)) - PAD)
         return max(self._measure(*part.above, *part.below), self.body, mesh) + 2 * PAD
@@ -311,7 +311,7 @@ class _RigDrawing:
     # Shapes and lines of the parts.
 
     def _edge(self, name: str, side: int) -> Point:
-        """Return where the body of a part ends on its left (-1) or right (1)."""
+        """Return the point where the body of a part ends at its left (-1) or right (1) side."""
         x, y = self.at[name]
         return (x + side * (0.0 if name.startswith(GROUND) else self.body / 2), y)
 
@@ -438,7 +438,7 @@ def _spring(sheet: Canvas, left: float, right: float, y: float, *, damped: bool)
 
 
 def _wheels(sheet: Canvas, times: float, left: float, right: float, y: float) -> None:
-    """Draw two meshing wheels, the first `times` as large as the other within visible limits."""
+    """Draw two meshing wheels; the first is `times` as large as the second, but at most 3 to 1."""
     times = float(np.clip(times, 1 / 3, 3.0))
     first, middle = 0.26 * times / (1 + times), (left + right) / 2
     second = 0.26 - first

@@ -1,4 +1,4 @@
-"""Write the report of a finished run, or of a maximum alone, in the order of reading."""
+"""Write the report of a finished run, in the order of reading."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CHECKED = (
 
 
 def provenance_section(run: ReportContext, folder: Path) -> Section:
-    """Build the section of provenance; `folder` is that of the run, with its config and chain."""
+    """Build the section of provenance; the run's `folder` has the config and the chain."""
     config, marks = run.config, run.marks
     c, sampler = run.sampled.convergence, config.sampler
     took = ", ".join(f"{name} {value:.1f}" for name, value in run.seconds.items())
@@ -137,7 +137,7 @@ def details(run: ReportContext) -> str:
     return "\n\n".join((said, *as_text(sections(run))))
 
 
-MOST_LINES = 16  # most lines of a table on a screen
+MOST_LINES = 16  # largest number of lines of a table on a screen
 ON_SCREEN = ("", "unit", "nominal", "mean", "sd", "dev. %", "the record says")
 
 

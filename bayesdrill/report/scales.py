@@ -28,16 +28,16 @@ def time_symbol(clock: Unit) -> Symbol:
     return dataclasses.replace(TIME, latex_unit=clock.latex)
 
 
-SINGLE, DOUBLE = 3.4, 7.0  # widths in inches of one column of text and of two
+SINGLE, DOUBLE = 3.4, 7.0  # widths of figures in inches: one and two columns of text
 DPI = 220  # resolution of PNG figures
 WIDTHS: Mapping[str, float] = MappingProxyType({"single": SINGLE, "double": DOUBLE})
 # Mantissas of the numbers on a logarithmic axis, from many in each decade to few.
 SERIES: tuple[tuple[float, ...], ...] = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
-CURVED_RATIO = 4.0  # ratio of the ends above which the numbers of a logarithmic axis are in SERIES
+CURVED_RATIO = 4.0  # ratio of the ends from which on a logarithmic axis has mantissas from SERIES
 
 
 def even_numbers(low: float, high: float, most: int) -> tuple[list[float], list[str]]:
-    """Return at most `most` multiples of the finest suitable step, and their texts."""
+    """Return at most `most` multiples of a round step from `low` to `high`, and their texts."""
     exponent = math.floor(math.log10((high - low) / most)) - 1
     while True:
         for factor, decimals in ((1.0, 0), (2.0, 0), (2.5, 1), (5.0, 0)):
@@ -102,7 +102,7 @@ _EMPHASIS = re.compile(r"(?<![\w*)])\*([A-Za-z][^*]*)\*(?!\w)")
 
 
 def printed(symbols: Iterable[Symbol] = ()) -> Mapping[str, Markup]:
-    """Return HTML of the rig's and of further `symbols` by name, if they have a simple form."""
+    """Return HTML of the package's symbols and of `symbols`, by name, if they have a simple form."""
     known = (*PARAMETERS.values(), *STATES.values(), *INPUTS.values(), *symbols)
     letters = {symbol.name: _letter(symbol.latex) for symbol in known}
     return {name: Markup("<var>{}</var>").format(html) for name, html in letters.items() if html}
@@ -130,9 +130,9 @@ def _letter(latex: str) -> Markup:
 def _splitting(
     pattern: re.Pattern[str], inside: Callable[[str], str], outside: Callable[[str], str]
 ) -> Callable[[str], Markup]:
-    """Return a function that typesets text: matches of `pattern` by `inside`, the rest by `outside`.
+    """Return a function that applies `inside` to matches of `pattern` and `outside` to other text.
 
-    Text that is not `Markup` is escaped.
+    Results that are not `Markup` are escaped.
     """
 
     def typeset(text: str) -> Markup:
@@ -143,10 +143,10 @@ def _splitting(
 
 
 class Typesetter:
-    """The typesetter makes escaped HTML of text.
+    """The typesetter converts text to escaped HTML.
 
-    `plain` prints symbols and powers; `prose` also **strong**, *emphasis* and `code`, whose content
-    stays as it is.
+    `plain` typesets symbols and powers. `prose` typesets **strong**, *emphasis* and `code` too; the
+    content of `code` is not changed.
     """
 
     def __init__(self, names: Mapping[str, Markup]) -> None:
@@ -164,7 +164,7 @@ class Typesetter:
 # Ratio of the ends from which on each tick of a logarithmic axis shows its power of ten.
 LONG_LOG_RATIO = 1e4
 CROWDED_RATIO = 1e5  # ratio of the ends from which on minor ticks would be too many
-NARROW_RATIO = 1e-3  # width of an axis, relative to its numbers, below which it has an origin
+NARROW_RATIO = 1e-3  # ratio of an axis's width to its largest value, below which `origin` is not 0
 
 
 type Labelled = Symbol | Channel
@@ -202,7 +202,7 @@ class Scale:
         return np.asarray(self.origin + numbers * 10.0**self.power, dtype=np.float64)
 
     def density(self, prior: Prior, u: Array) -> Array:
-        """Return the density of a prior per unit of the axis, per decade if it is logarithmic."""
+        """Return the density of a prior per unit of the axis, or per decade of a logarithmic axis."""
         x = self.value(u)
         stretch = x * math.log(10.0) if self.log else 10.0**self.power
         return np.asarray(np.exp(prior.logpdf(x)) * stretch)
@@ -219,8 +219,8 @@ class Scale:
     ) -> tuple[Array, list[str]]:
         """Return two to `most` (3 or more) ticks at round values, and their texts.
 
-        `clear` is their least distance from both ends, and `letter` the width of a letter, both over
-        the width of the axis.
+        `clear` is their smallest distance from the ends, and `letter` the width of a letter, both as
+        fractions of the axis.
         """
         length = self.high - self.low
         low, high = self.low + clear * length, self.high - clear * length
@@ -236,7 +236,7 @@ class Scale:
 
     @property
     def between(self) -> Array:
-        """Return positions of 1, 2, ... 9 of each decade of a short logarithmic axis, or none."""
+        """Return the minor ticks of a short logarithmic axis (1, 2, ... 9 in each decade), or none."""
         if not self.log or not CURVED_RATIO <= 10.0 ** (self.high - self.low) < CROWDED_RATIO:
             return np.empty(0)
         decades = range(math.floor(self.low), math.ceil(self.high) + 1)
@@ -244,7 +244,7 @@ class Scale:
         return np.asarray(positions[(positions >= self.low) & (positions <= self.high)])
 
     def label(self, what: Labelled, separator: str = " ") -> str:
-        r"""Return a label with the power that axis values are divided by, and the unit.
+        r"""Return a label with the power of ten that divides the axis values, and the unit.
 
         For example `$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]`.
         """
@@ -256,9 +256,9 @@ class Scale:
 
 
 def scale(low: float, high: float, *, log: bool = False, margin: float = 0.0) -> Scale:
-    """Return a scale from `low` to `high` with a `margin` at both ends, over the width of the axis.
+    """Return a scale from `low` to `high`, with a `margin` at both ends as a fraction of the range.
 
-    With `log` it is logarithmic, unless it is so short that it would look linear.
+    With `log` the scale is logarithmic, unless the range is so short that it would look linear.
     """
     if not high > low:
         half = 1e-9 * abs(low) or 1.0
@@ -289,7 +289,7 @@ def _power(farthest: float) -> int:
 def reaching(
     low: float, high: float, value: float | None, farthest: float = math.inf, *, log: bool = False
 ) -> tuple[float, float]:
-    """Return the ends, moved to show `value` if it is at most `farthest` widths outside."""
+    """Return the ends, moved to include `value` if it is at most `farthest` axis widths outside."""
     if value is None or (log and not (low > 0 and value > 0)):
         return low, high
     first, last, at = (math.log(x) if log else x for x in (low, high, value))

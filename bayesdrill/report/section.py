@@ -1,7 +1,7 @@
 """Build a report as a list of sections with their data.
 
 Terminal, Markdown and HTML are made from the same list, though a terminal omits some blocks. A
-table has the same rows in all of them and in CSV.
+table has the same rows in these three formats and in CSV.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Badges:
 class Link:
     """The link is a point of a picture, at fractions of its width and height from the upper left.
 
-    `says` is shown above it; it leads to `url`, if there is one.
+    `says` is shown above the point, which is a link to `url` if there is one.
     """
 
     x: float
@@ -98,7 +98,7 @@ class Link:
 class Picture:
     """The picture refers to a figure of the run by the `stem` of its files.
 
-    `says` is the caption, `ending` the type of the file that a page shows, and `links` its points.
+    `says` is the caption, `ending` the type of the file that a page shows, and `links` are points.
     """
 
     stem: str
@@ -109,7 +109,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class IntervalBar:
-    """The bar is an interval with two values, as fractions (0 to 1) of the range that is drawn."""
+    """The bar is an interval with two marked values, as fractions (0 to 1) of the drawn range."""
 
     low: float
     high: float
@@ -132,7 +132,7 @@ class Table:
     bars: tuple[IntervalBar, ...] = ()
 
     def filled(self, *heads: str) -> Table:
-        """Return the table without its empty columns; `heads` limits which may be removed."""
+        """Return the table without empty columns; if `heads` are given, only these may be removed."""
         needed = [any(cells) for cells in zip(*self.lines, strict=True)] or [True] * len(self.heads)
         return self._of(
             [k for k, head in enumerate(self.heads) if needed[k] or (heads and head not in heads)]
@@ -150,7 +150,7 @@ class Table:
 def table_of(
     lines: Iterable[Mapping[str, str]], *left: str, brief: tuple[str, ...] | None = None
 ) -> Table:
-    """Build a table of one or more lines, each with its cells by head.
+    """Build a table of one or more lines, which map heads to cells.
 
     `Table` explains `left` and `brief`.
     """
@@ -166,7 +166,7 @@ Block = Sentences | Note | Plain | Badges | Picture | Table
 class Section:
     """The section is a title and the blocks below it.
 
-    A section with an empty `title` continues the one before. A terminal shows only `brief` ones.
+    A section with an empty `title` continues the previous one. A terminal shows `brief` sections only.
     """
 
     title: str
@@ -253,7 +253,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
-    """Return aligned columns for a wide terminal; those of `left` begin at the left."""
+    """Return a table with aligned columns for a wide terminal; columns `left` are left-aligned."""
     widths = [max(len(line[k]) for line in table) for k in range(len(table[0]))]
     return "\n".join(
         "  ".join(
@@ -282,7 +282,7 @@ def records_as_csv(kind: type, rows: Sequence[object]) -> str:
 
 
 def mappings_as_csv(rows: Sequence[Mapping[str, object]]) -> str:
-    """Return CSV of one or more rows, each with its cells by head; None becomes an empty cell."""
+    """Return CSV of one or more rows, which map heads to cells; None becomes an empty cell."""
     return lines_as_csv([[*rows[0]], *([*row.values()] for row in rows)])
 
 

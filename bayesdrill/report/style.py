@@ -30,7 +30,7 @@ else:  # annotations are never evaluated, so matplotlib need not load
 
 Look = Mapping[str, Any]  # keyword arguments of matplotlib artists
 NONE = np.empty(0)
-SMALL = 0.83  # font size in a figure of one column, relative to one of two
+SMALL = 0.83  # ratio of font sizes in figures of one and of two columns of text
 
 
 def fix_look(**entries: Any) -> Look:
@@ -63,14 +63,14 @@ RC: Mapping[str, Any] = MappingProxyType(
         "hatch.linewidth": 0.4,
         "pdf.fonttype": 42,
         "svg.hashsalt": "bayesdrill",
-        "figure.dpi": DPI,  # of the PNG, so that both find each text in the same cache
+        "figure.dpi": DPI,  # equal to that of PNG files, so that layout and saving share cached texts
         "savefig.dpi": DPI,
         "figure.constrained_layout.use": False,
         "figure.autolayout": False,
     }
 )
 BLACK, DARK, MIDDLE, LIGHT, FAINT = "0.0", "0.3", "0.55", "0.8", "0.91"
-# Two colours that print as different greys and differ in line style and marker as well.
+# Two colours that print as different greys; their line styles and markers differ as well.
 NOMINAL = fix_look(color="#2b6cb0", linestyle=(0, (4, 2)), linewidth=1.0)
 MAP_COLOUR = "#b3261e"
 MAP_LINE = fix_look(color=MAP_COLOUR, linestyle=(0, (1, 1.5)), linewidth=1.0)
@@ -94,7 +94,7 @@ _ONE_AT_A_TIME = threading.RLock()
 
 @contextmanager
 def styled(width: float = DOUBLE) -> Iterator[None]:
-    """Set the style of figures that one thread builds or saves inside, and restore it after."""
+    """Set the style of figures within a `with` block, for one thread at a time, and restore it."""
     import matplotlib
 
     rc: Any = dict(RC)
@@ -115,7 +115,7 @@ def new_figure(width: float, height: float, **options: Any) -> Figure:
 
 
 def letters(size: str) -> float:
-    """Return a font size in points, in the figure that is being built."""
+    """Return the current font size in points of an rc entry, such as `legend.fontsize`."""
     import matplotlib
 
     now: Any = matplotlib.rcParams
@@ -123,7 +123,7 @@ def letters(size: str) -> float:
 
 
 def set_numbers(axis: Axis, scale: Scale, most: int, **room: float) -> None:
-    """Set at most `most` ticks with texts; a logarithmic axis shows small ones too."""
+    """Set at most `most` ticks with texts; a logarithmic axis has minor ticks too."""
     set_ticks(axis, *scale.ticks(most, **room), scale.between)
 
 
@@ -142,7 +142,7 @@ def scale_axis(axis: Axis, scale: Scale, label: str, most: int = 4) -> None:
 def set_ticks(
     axis: Axis, places: Iterable[float], texts: Sequence[str] | None = None, between: Array = NONE
 ) -> None:
-    """Set major ticks with fixed texts or none, and minor ticks `between`; no offset is written."""
+    """Set major ticks with fixed texts or none, and minor ticks `between`; hide the offset text."""
     from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
 
     axis.set_major_locator(FixedLocator([*places]))
@@ -168,7 +168,7 @@ def mark_values(
     zorder: float = 2.0,
     fine: float = 1.0,
 ) -> int:
-    """Mark the nominal value and the MAP; return the side on which the first is off the axis."""
+    """Mark the nominal value and the MAP; return `Scale.side` of the nominal value."""
     line = panel.axhline if vertical else panel.axvline
     side = scale.side(nominal)
     if nominal is not None and side == 0:
@@ -212,7 +212,7 @@ def thin(n: int, most: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.intp))
 
 
-# The metadata entry to which the writer of a format sets the date, unless the entry is None.
+# By format, the metadata entry that matplotlib sets to the date, unless the entry is None.
 _DATES: Mapping[str, str] = MappingProxyType({"pdf": "CreationDate", "svg": "Date"})
 
 
@@ -225,13 +225,13 @@ def save(
     formats: Sequence[str] = output_files.DEFAULT_FORMATS,
     dpi: int = DPI,
 ) -> list[Path]:
-    """Save `<stem>.pdf`, ... with `metadata` inside and no date: same figure, same bytes."""
+    """Save `<stem>.pdf`, ... with `metadata` but no date, so that equal figures have equal bytes."""
     written, engine = [], figure.get_layout_engine()
     with styled():
-        if engine is not None:  # once, instead of in a draw before that of each format
+        if engine is not None:  # compute the layout once, instead of for each format
             figure.set_dpi(dpi)
             engine.execute(figure)
-            figure.set_layout_engine(None)  # none at all, for which savefig draws only once
+            figure.set_layout_engine(None)  # without an engine, savefig draws only once
         for kind in formats:
             image = io.BytesIO()
             figure.savefig(image, format=kind, dpi=dpi, metadata=_entries(kind, metadata))
@@ -241,7 +241,7 @@ def save(
 
 
 def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
-    """Return metadata as the writer of a format takes them; unknown entries are joined in Keywords."""
+    """Return metadata as the writer of a format accepts them; Keywords joins entries unknown to it."""
     if kind not in _DATES:
         return dict(metadata)
     known: dict[str, str | None] = {
@@ -253,11 +253,11 @@ def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
     return known | {_DATES[kind]: None}
 
 
-MARGIN, LINE, LETTER = 0.09, 0.16, 0.066  # inches: of the strip, per line, per letter
+MARGIN, LINE, LETTER = 0.09, 0.16, 0.066  # inches: margin of the strip, line height, letter width
 
 
 def warned(figure: Figure, warning: str) -> Figure:
-    """Return the figure with `warning` above what it shows."""
+    """Return the figure with a strip at its top that shows `warning`."""
     if not warning:
         return figure
     width, height = (float(inches) for inches in figure.get_size_inches())
@@ -273,13 +273,13 @@ def warned(figure: Figure, warning: str) -> Figure:
 
 
 def shrink(figure: Figure, across: float, up: float) -> None:
-    """Shrink what is drawn to these shares of the page's width and height, in its lower left."""
+    """Shrink the drawing by the factors `across` and `up`, towards the page's lower left corner."""
     from matplotlib.transforms import Affine2D
 
     smaller = Affine2D().scale(across, up) + figure.transFigure
     engine = figure.get_layout_engine()
     if engine is not None:
-        # The engine leaves no room for a legend that was moved, so leave it here.
+        # The engine reserves no room for a legend that was moved, so the room is reserved here.
         heights = [legend.get_window_extent().height / figure.dpi for legend in figure.legends]
         room = sum(height + 2 * engine.get()["h_pad"] for height in heights)
         engine.set(rect=(0, 0, across, up - room / figure.get_figheight()))  # type: ignore[call-arg]

@@ -70,7 +70,7 @@ def for_each_experiment(
     width: float,
     says: str,
 ) -> tuple[Drawing, ...]:
-    """Return a drawing of what is `shown` of each experiment; its label, if any, begins the caption."""
+    """Return a drawing for each pair (label, data) in `shown`; a label begins the caption."""
     return tuple(
         Drawing(figure, (data, width), says=f"{label}: {says}" if label else says)
         for label, data in shown
@@ -81,8 +81,8 @@ def for_each_experiment(
 class ReportContext(Value):
     """The context is a finished run, as tables and figures need it.
 
-    `chain` has its draws. `analyse` evaluates its analysis at the first use. `seconds` are the
-    times that its parts took, if known.
+    `chain` has its draws. `analyse` computes its analysis at the first use. `seconds` has the
+    duration of each part of the run, if known.
     """
 
     chain: RunDraws
@@ -164,7 +164,7 @@ class ReportContext(Value):
         return self.problem.units
 
     def shown(self, names: Sequence[str] | None = None) -> DisplayedUnknowns:
-        """Return the displayed unknowns with these names, or all if there is none."""
+        """Return the displayed unknowns with these names, or all if no name is that of an unknown."""
         problem, display_units = self.problem, self.units
         columns = range(len(problem.symbols))
         selected = [k for k in columns if problem.names[k] in (names or ())] or columns

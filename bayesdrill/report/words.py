@@ -25,7 +25,7 @@ from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.rig.simulators import COMPRESSED_FROM
 
 HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
-FAR_FROM_FITTING = -100.0  # log density for each number of a record, below which nothing fits yet
+FAR_FROM_FITTING = -100.0  # log density per recorded number, below which the start does not fit
 
 
 def record_columns(problem: Problem, case: ResolvedCase) -> str:
@@ -67,8 +67,8 @@ def record_made(problem: Problem) -> tuple[str, ...]:
         sentences += _of_experiment(observation, [*times, *some, *experiment.told])
     for observation in apart:
         sentences.append(
-            f"{observation.label}, its {observation.n_measured} samples are held out, "
-            "and are no evidence"
+            f"{observation.label}, all its {observation.n_measured} samples are held out, "
+            "and do not enter the fit"
         )
     return tuple(sentences)
 
@@ -117,7 +117,7 @@ def opening(problem: Problem) -> str:
 
 
 def records(problem: Problem) -> str:
-    """Describe each record in a line, and the likelihood of a long one in another."""
+    """Describe each record in a line, and the likelihood of a long record in a second line."""
     lines = []
     for observation in problem.observations:
         experiment = observation.experiment
@@ -127,7 +127,7 @@ def records(problem: Problem) -> str:
         lines.append(f"record{ending}: {len(experiment.t)} samples of {channels} over {length:g} s")
         if len(experiment.t) > COMPRESSED_FROM:
             reason = observation.exact_reason
-            said = f"by all samples, as {reason}" if reason else "compressed to sample it"
+            said = f"by all samples, as {reason}" if reason else "compressed for sampling"
             lines.append(f"likelihood{ending}: {said}")
     return "\n".join(lines)
 
@@ -168,7 +168,7 @@ def _parts(rig: Model) -> str:
 
 
 def preview(problem: Problem, config: Config) -> str:
-    """Describe the priors, the search and the sampling of a config, and how its record was made."""
+    """Describe the priors, the search and the sampling of a config, and how its record was prepared."""
     posterior, sampler, units = problem.posterior, config.sampler, problem.units
     start = posterior.space.vector(posterior.space.start)
     density = float(posterior.density(start[None])[0])
@@ -211,9 +211,9 @@ def doubts_before_sampling(problem: Problem) -> tuple[str, ...]:
 
 
 def validity(doubts: Sequence[str], text: str) -> str:
-    """Return the sentence that ends the check of a config, by its `text`, without mistakes.
+    """Return the sentences that end the check of a config if it has no mistakes.
 
-    The lines of a draft that are still marked REVIEW are counted.
+    They count `doubts`, and the lines of the config's `text` that are still marked REVIEW.
     """
     lines = count_noun(
         len(doubts), "of the lines above is a doubt", "of the lines above are doubts"
@@ -225,7 +225,7 @@ def validity(doubts: Sequence[str], text: str) -> str:
 
 
 def predictive_draws(problem: Problem, config: Config) -> int:
-    """Return how many predictive draws of each ensemble are asked for and have room."""
+    """Return the number of predictive draws per ensemble: as requested, or fewer for lack of room."""
     wanted = config.output.predictive_draws
     return output_files.predictive_draws(wanted, config.sampler.ensembles, _numbers(problem))
 
@@ -251,9 +251,9 @@ def size(problem: Problem, config: Config) -> str:
 
 
 def _misfit(problem: Problem) -> str:
-    """Describe the misfit of the start where sigma is known; wrong nominal values make it large."""
+    """Describe the misfit at the start values if all sigmas are known; else return no text."""
     likelihood, space = problem.posterior.likelihood, problem.posterior.space
     if any(observation.unknowns for observation in likelihood.observations):
         return ""
     mean_square = likelihood.mean_square(space.vector(space.start)[None])[0]
-    return f"; mean square of residuals over sigma {mean_square:.4g} (1 if only noise is left)"
+    return f"; mean square of residuals / sigma: {mean_square:.4g} (1 if only noise is left)"

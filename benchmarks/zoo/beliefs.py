@@ -50,7 +50,7 @@ def _priors() -> tuple[Row, ...]:
             shows="four decades for each of the nine unknowns",
             config=_step(e.parameters(e.decades(0.01, 100.0))),
             made=Steady(),
-            reason="of the posterior lies where the proposal hardly ever leads",
+            reason="of the posterior lies where the proposal hardly ever draws",
         ),
         Row(
             name="boxes_from_zero",

@@ -55,7 +55,7 @@ def test_a_slow_input_leaves_a_delay_and_a_time_constant_apart_by_their_sum_alon
     # What one of them gains the other loses: their sum is far better known than either.
     assert finding.numbers["tau_sd"] == pytest.approx(finding.numbers["delay_sd"], rel=0.2)
     (sentence,) = finding_sentences([finding])
-    assert f"{name} and a time constant stand for each other (correlation -0.9" in sentence
+    assert f"{name} and a time constant cannot be distinguished (correlation -0.9" in sentence
 
 
 @run_cases("torque, late", [(JUMPS, "t_0"), (SLOW, "none")])

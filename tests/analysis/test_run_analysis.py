@@ -68,7 +68,7 @@ def test_a_run_is_not_believed_whose_sandwich_sds_do_not_determine_an_unknown() 
         ratio = analysis.sandwich[row.name] / row.sd
         unsupported = row.word == "determined" and ratio >= 0.5 / (1 - row.shrinkage)
         assert (row.name in analysis.unsupported) == unsupported, row.name
-        assert (f"{row.name} ({ratio:.3g} times as large)" in reason) == unsupported
+        assert (f"{row.name} (sd {ratio:.3g} times as large)" in reason) == unsupported
     assert "DO NOT BELIEVE these numbers, though the ensembles converged" in report.text
     assert "the record says" not in report.text
     assert "determined:" not in report.text

@@ -183,7 +183,7 @@ def test_models_are_compared_by_what_they_predict(records: Path, tmp_path: Path)
         result = posterior(write(records, name, **changes), tmp_path / name)
         assert result.status in (0, 3), result.text
         if name == "given":
-            assert "fast, its 202 samples are held out, and are no evidence" in result.text
+            assert "fast, all its 202 samples are held out, and do not enter the fit" in result.text
     result = cli("compare", tmp_path / "stiff", tmp_path / "given", "-o", tmp_path / "out")
     assert result.status == 0, result.text
     assert "held out: 202 samples, which given predicts best" in result.out

@@ -118,7 +118,7 @@ def test_a_posterior_that_the_proposal_does_not_cover_is_not_believed(
     (run.folder / "run.json").write_text(dumps_checksummed({**data, "missed": 0.02}))
     result = command_line.cli(*report)
     assert result.status == 0, result.text
-    words = "note: coverage: about 2 % of the posterior lies where the proposal hardly ever leads,"
+    words = "note: coverage: about 2 % of the posterior lies where the proposal hardly ever draws,"
     assert f"{words} so the ends of intervals are rough" in result.out
     assert run.json["missed"] == 0.02
 

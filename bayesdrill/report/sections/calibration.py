@@ -32,7 +32,7 @@ from bayesdrill.report.section import (
 )
 from bayesdrill.report.style import Axes, Figure
 
-MOST_NAMED = 20  # most refits that are named as not converged
+MOST_NAMED = 20  # largest number of refits that are named as not converged
 
 
 def calibration_opening(problem: Problem, config: Config) -> str:
@@ -42,9 +42,9 @@ def calibration_opening(problem: Problem, config: Config) -> str:
         for observation in problem.observations
     )
     return (
-        f"calibration: {config.calibration.refits} times, unknowns from their priors, a record of "
-        f"{records} made from them, and its "
-        f"posterior\nunknown: {', '.join(problem.names)}"
+        f"calibration: {config.calibration.refits} times, draw the unknowns from their priors, simulate "
+        f"a record of {records}, and sample its posterior\n"
+        f"unknown: {', '.join(problem.names)}"
     )
 
 
@@ -58,12 +58,12 @@ def describe_calibration(verdict: CalibrationVerdict) -> str:
 
 
 def calibration_rule(verdict: CalibrationVerdict) -> str:
-    """Describe how often the verdict is wrong by chance, and when none is given."""
+    """Describe how often the verdict is wrong by chance, and when it cannot be "calibrated"."""
     return (
-        f"A right posterior would be found not calibrated in at most {100 * FALSE_ALARM:g} % of such "
-        f"studies, all {len(verdict.quantities)} quantities and all intervals taken together. With more "
-        f"than {100 * MAX_NOT_CONVERGED:g} % of the refits not converged nothing is called calibrated; "
-        "they stay in the ranks."
+        f"A correct posterior would be called not calibrated in at most {100 * FALSE_ALARM:g} % of such "
+        f"studies, for all {len(verdict.quantities)} quantities and intervals together. Nothing is "
+        f"called calibrated if more than {100 * MAX_NOT_CONVERGED:g} % of the refits did not converge. "
+        "The ranks include these refits."
     )
 
 
@@ -88,9 +88,9 @@ def calibration_sections(
     tone: Tone = "bad" if judged.faults else "doubt" if judged.doubts else "good"
     marks = Badges((Badge(says.split(":")[0], tone),))
     read = Note(
-        f"Ranks are among {judged.n_draws} draws. `departure / band` is the farthest departure of their "
-        "distribution from uniform, above 1 outside of what chance allows; the same for intervals in "
-        "brackets. Exact values: `ranks.csv`."
+        f"Ranks are among {judged.n_draws} draws. `departure / band` is the largest departure of ranks "
+        "from uniform, divided by what chance allows. Brackets give the percentages of truths that "
+        "chance allows inside an interval. Exact values: `ranks.csv`."
     )
     seen = "Ranks of the truths among the draws, with what chance allows."
     return (
@@ -129,7 +129,7 @@ def ranks_csv(names: Sequence[str], refits: Sequence[Refit]) -> str:
     return lines_as_csv(lines)
 
 
-MARKERS = ("o", "s", "^")  # markers of the levels
+MARKERS = ("o", "s", "^")  # markers of the intervals, in the order of their probabilities
 
 
 def calibration_figure(
@@ -137,7 +137,7 @@ def calibration_figure(
 ) -> Figure:
     """Draw rank distributions against uniform, above the coverage of credible intervals.
 
-    `symbols` of the unknowns; the log likelihood is the last quantity.
+    `symbols` has the unknowns; the log likelihood is added as the last quantity.
     """
     labels = [*(symbol.latex for symbol in symbols), r"\log L"]
     away = [departures(verdict.band, quantity.ranks) for quantity in verdict.quantities]

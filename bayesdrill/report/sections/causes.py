@@ -22,10 +22,10 @@ from bayesdrill.report.view import ReportPart
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import Roles
 
-WIDER = 2.0  # upper end of a proposed prior, relative to the estimate
-SHOWN = 5  # most candidates, or unknowns, that are shown
+WIDER = 2.0  # upper end of a proposed prior, divided by the estimate
+SHOWN = 5  # largest number of candidates or unknowns that are shown
 AND = ", and "  # after a comma, because the words of a candidate may contain an "and"
-WANDERS = 3.0  # change between windows, in sds, that chance does not explain
+WANDERS = 3.0  # sd between windows / sd within one, above which chance does not explain the change
 STEPS = (
     "next: bayesdrill map CONFIG --apply NEW writes the config with these lines; map NEW shows whether "
     "it fits.\n"
@@ -44,7 +44,7 @@ LOOK = (
 
 
 def describe_causes(causes: Causes | None) -> str:
-    """Describe what would explain the misfit, the best first, and what to do next."""
+    """Describe candidates that would explain the misfit, the best first, and what to do next."""
     return "\n".join(
         aligned([part.heads, *part.lines], left={0}) if isinstance(part, Table) else part.text
         for part in candidates(causes)
@@ -52,7 +52,7 @@ def describe_causes(causes: Causes | None) -> str:
 
 
 def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
-    """Return candidates for a page, the best first, its lines of a config, and what to do next."""
+    """Return for a page the candidates, the best one's lines for the config, and what to do next."""
     if causes is None:
         return ()
     refitted = f"fit: {count_noun(len(causes.ranked), 'candidate was', 'candidates were')} refitted"
@@ -71,10 +71,10 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
     caution = _absorbing(causes.good, best)
     said = (
         f"{refitted} from the MAP, each with all unknowns free. The best are listed: log Bayes factor "
-        "(by Laplace's approximation), gain of the log posterior, and what stays unexplained of each "
+        "(by Laplace's approximation), gain of the log posterior, and the unexplained share of each "
         "channel.",
         f"fit: {count_noun(stopped, 'refit was', 'refits were')} stopped, with no chance to become as "
-        "probable as the best: such numbers are lower bounds."
+        "probable as the best: their numbers are lower bounds."
         if stopped
         else "",
         _untried(causes.untried),
@@ -98,7 +98,7 @@ def doubt(doubt: Doubt) -> str:
     sentence = {
         "end": "{names} is at an end of its prior",
         "maxima": "there is another maximum, about as high",
-        "alike": "{names} stand for each other",
+        "alike": "{names} cannot be distinguished",
         "hidden": "it ignores {share:.2g} % of the samples, and does not fit the others",
     }[doubt.kind]
     return sentence.format(names=" and ".join(doubt.said_of), share=100 * doubt.share)
@@ -108,10 +108,10 @@ def _absorbing(good: Sequence[Cause], best: Cause | None) -> str:
     if best is not None and best.absorbing:
         words = dict(zip(best.parts, best.words, strict=True))
         absorbing = listed([words[part] for part in best.absorbing], AND)
-        return f"{absorbing} absorbs the misfit, as it would any other, and does not explain it."
+        return f"{absorbing} absorbs the misfit, as it would any misfit, without explaining it."
     most = max((c for c in good if c.absorbing == c.parts), key=lambda c: c.bayes, default=None)
     if most is not None and (best is None or most.bayes > best.bayes):
-        return f"{most.about} absorbs more, as it would of any misfit, and does not explain it."
+        return f"{most.about} absorbs more, as it would of any misfit, without explaining it."
     return ""
 
 
@@ -119,11 +119,11 @@ def _left(best: Cause) -> str:
     if not best.absorbing:
         return f"That leaves {'what looks like the noise' if best.explains_all else 'more than noise'}."
     left = ", ".join(f"{percent(row.simulated)} of {row.name}" for row in best.fit)
-    return f"That absorbs the misfit without explaining it: the rig itself leaves {left}."
+    return f"That absorbs the misfit. The rig itself leaves unexplained {left}."
 
 
 def _instead_of(good: Sequence[Cause], best: Cause | None) -> list[str]:
-    """Describe which changes of the recommended candidate do the same as another change."""
+    """List changes of the best candidate that the record cannot distinguish from another change."""
     alike = (each.said_of for cause in good for each in cause.doubts if each.kind == "alike")
     words = {*(best.words if best else ())}
     pairs = dict.fromkeys(pair for pair in alike if len({*pair} & words) == 1)
@@ -175,7 +175,7 @@ def _beside(cause: Cause, best: Cause | None) -> str:
 
 
 def wandering(causes: Causes) -> str:
-    """Describe which unknowns change from window to window; empty if no window was refitted."""
+    """Describe which unknowns change between windows; empty if fewer than two were refitted."""
     if len(causes.windows) < 2:
         return ""
     changes, columns = [], dict[str, list[FittedValue]]()
@@ -205,7 +205,7 @@ def _new(cause: Cause) -> str:
 
 
 def lacking(causes: Causes | None, roles: Roles) -> str:
-    """Describe what the model lacks, for a verdict on it; empty if nothing is known."""
+    """Describe what the model lacks, for the verdict; empty if no candidate is recommended."""
     best = None if causes is None else causes.best
     return " and ".join(f"{_lacked(n, roles)} ({n})" for n in (best.lacks if best else ()))
 
@@ -220,7 +220,7 @@ def instead(explanation: EquivalentExplanation | None, rig: Model) -> Iterable[s
     prior = f"{{prior: uniform, low: 0, high: {WIDER * value:.2g}}}"
     yield (
         f"before you blame the table: its values with {missing} explain the record {how} any "
-        f"values without. Try it: say `parameters: {{{name}: {prior}}}`."
+        f"values without it. Try it: say `parameters: {{{name}: {prior}}}`."
     )
 
 

@@ -52,7 +52,7 @@ def comparison_sections(
     units: DisplayUnits,
     pictures: Sequence[Picture] = (),
 ) -> tuple[Section, ...]:
-    """Build the sections of `models` if there are any, or else of runs; `rows` are in SI units."""
+    """Build the sections of `models` if there are any, or else of `layers`; `rows` are in SI units."""
     drawn = [build("Figures", *pictures, brief=False)] if pictures else []
     differs = differing(layers)
     moved = overlay.overlay_table(layers, [overlay.overlay_shown(row, units) for row in rows])
@@ -75,7 +75,7 @@ def comparison_sections(
         build("Verdict", "\n".join(comparison_verdict(models))),
         *drawn,
         build("Models", comparison_table(models), Note(COMPARISON_READ), scores),
-        # An empty section too, for which a terminal shows an empty line.
+        # `Sentences` are kept if they are empty too: a terminal then shows an empty line.
         build("How the unknowns move", moved, read, Sentences("\n".join(far))),
         build("What differs between the models", settings, brief=False),
     )
@@ -84,15 +84,15 @@ def comparison_sections(
 TIMES = math.log(1e4)  # log of the largest odds that are written as a number
 COMPARISON_READ = (
     "`log evidence` is the logarithm of the record's probability under the model, averaged over its "
-    "priors. `against best` is the log of the odds against the most probable model, if all were equally "
-    "likely before. `held out` and `LOO` are differences of predictive scores to the best of the "
-    "column, with standard errors. `rms` and `correlation` are those of the residuals over the noise, "
-    "in the worst channel: 1 and 0 if only noise is left."
+    "priors. `against best` is the log of a model's probability divided by that of the best model, if "
+    "all were equally likely before. `held out` and `LOO` are predictive scores minus the best score of "
+    "the column, with standard errors. `rms` and `correlation` describe the residuals divided by the "
+    "noise, in the worst channel: 1 and 0 if only noise is left."
 )
 
 
 def comparison_verdict(models: Sequence[RunSummary]) -> Iterator[str]:
-    """Yield whether model or noise decides, or neither, and what makes that doubtful."""
+    """Yield whether another model, another noise or neither is needed, and doubts about this."""
     decision = decide(models)
     yield f"verdict: {_decided(models, decision)}"
     best = models[decision.best]
@@ -151,7 +151,7 @@ def comparison_table(models: Sequence[RunSummary]) -> Table:
 
     def cells(k: int) -> dict[str, str]:
         model = models[k]
-        # Both are those of the channel in which they are farthest from 1 and 0.
+        # Of all channels, the rms that is farthest from 1, and the correlation farthest from 0.
         sizes = (summary.rms for summary in model.residuals)
         rms = max(sizes, key=lambda x: abs(math.log(max(x, 1e-300))))
         correlation = max((summary.correlation for summary in model.residuals), key=abs)
@@ -186,28 +186,28 @@ def _against_best[S: (HeldOutScore, LooScore)](
 
 
 def predicted(models: Sequence[RunSummary]) -> Iterator[str]:
-    """Yield where scores come from, or why there are none."""
+    """Yield sentences on the predictive scores: the held-out samples, and why LOO is not trusted."""
     held = {model.name: model.held_out for model in models if model.held_out is not None}
     if held:
         best = max(held, key=lambda name: held[name].score)
         yield f"held out: {count_noun(held[best].samples, 'sample')}, which {best} predicts best"
     else:
         yield (
-            "held out: nothing. `record: {held_out: [from, to]}` [s] in all configs keeps a stretch of "
-            "the record out of the fit, to be predicted. `held_out: true` does so for an experiment."
+            "held out: nothing. `record: {held_out: [from, to]}` [s] in all configs keeps a part of "
+            "the record out of the fit, to be predicted. `held_out: true` keeps out an experiment."
         )
     refused: dict[str, list[str]] = {}
     for model in models:
         if isinstance(model.loo, Finding):
             refused.setdefault(finding_sentence(model.loo), []).append(model.name)
         elif model.loo.doubtful > MAX_BAD_SHARE:
-            yield f"LOO of {model.name}: {model.loo.doubtful:.0%} of the samples depend on a few draws"
+            yield f"LOO of {model.name}: {model.loo.doubtful:.0%} of its terms depend on a few draws"
     for reason, names in refused.items():
         yield f"LOO refused for {', '.join(names)}: {reason}"
 
 
 def comparison_csv(models: Sequence[RunSummary], rows: Sequence[OverlayRow]) -> str:
-    """Return CSV with a line for each model in the order given: SI, all digits."""
+    """Return CSV with a line for each model in the given order, in SI units and full precision."""
     channels = list(dict.fromkeys(summary.name for model in models for summary in model.residuals))
     heads = ["model", "unknowns", "converged", "log_evidence", "log_evidence_error", "log_odds"]
     heads += ["probability", "held_out", "held_out_samples", "loo", "loo_refused"]
@@ -232,9 +232,9 @@ def comparison_csv(models: Sequence[RunSummary], rows: Sequence[OverlayRow]) -> 
     return lines_as_csv(lines)
 
 
-FEW_MODELS, MAX_UNKNOWNS = 4, 12  # most models with all unknowns in the figure, and most unknowns
-SCORE_PANELS = 3  # panels of scores
-MAX_MODEL_LETTERS = 42  # most letters of a name
+FEW_MODELS = 4  # number of models above which an unknown is drawn only if half of them have it
+MAX_UNKNOWNS, SCORE_PANELS = 12, 3  # largest number of panels of unknowns; number of other panels
+MAX_MODEL_LETTERS = 42  # largest number of letters of a model's name
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")  # markers of channels
 MARK: dict[str, Any] = {"markersize": 4.2, "linestyle": "none"}
 LIMIT: dict[str, Any] = {"color": style.MIDDLE, "linewidth": 0.7, "linestyle": (0, (1, 1.5))}
@@ -247,10 +247,10 @@ READ = (
 def comparison_figure(
     models: Sequence[RunSummary], rows: Sequence[OverlayRow], display_units: DisplayUnits
 ) -> Figure:
-    """Draw models, the most probable on top and black; `rows` of unknowns in SI."""
+    """Draw models, the most probable one on top and in black; `rows` of unknowns are in SI units."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [model.layer for model in models]
-    # The figure has unknowns of at least two models, or of half of many; the table has all.
+    # An unknown is drawn if two models have it, or half of more than `FEW_MODELS`; the table has all.
     least = max(2, len(models) / 2) if len(models) > FEW_MODELS else 2
     common = [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least]
     shared = [overlay.scaled_row(row, layers, display_units) for row in common[:MAX_UNKNOWNS]]
@@ -310,7 +310,7 @@ def _residual_panel(
     wanted: float,
     label: str,
 ) -> None:
-    """Draw a mark for each model in each channel; `wanted` is the value of noise alone."""
+    """Draw a mark for each model and channel; `wanted` is the value if only noise is left."""
     log = wanted == 1.0
     least, most = (0.8, 1.25) if log else (-0.1, 0.1)
     values = [value_of(row) for model in models for row in model.residuals]
@@ -345,18 +345,18 @@ def _model_looks(models: Sequence[RunSummary]) -> dict[str, style.Look]:
     }
 
 
-POOR = 0.1  # standard error above which an evidence is called rough
+POOR = 0.1  # standard error of a log evidence, above which the evidence is called rough
 EVIDENCE_EXPLAINED = (
     "The log evidence is the natural logarithm of the samples' probability under the model, averaged "
-    "over its priors. It has no meaning by itself. The difference of two models of one record is the "
-    "log of their odds, if both were equally likely before (`bayesdrill compare`)."
+    "over its priors. It has no meaning by itself. The difference between two models of one record is "
+    "the log of their odds, if both were equally likely before (`bayesdrill compare`)."
 )
 
 
 def evidence_sentences(
     evidence: Evidence, priors: Sequence[DiffusePrior], *, converged: bool
 ) -> str:
-    """Describe the evidence in a line, and what makes it doubtful in others."""
+    """Describe the evidence in a line, and doubts about it in further lines."""
     lines = [f"log evidence: {evidence_said(evidence)}"]
     if evidence.steps_error:
         lines.append(

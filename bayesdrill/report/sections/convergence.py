@@ -34,7 +34,7 @@ from bayesdrill.sampling.mode_search import SAME_POINT, Mode
 
 
 def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: DisplayUnits) -> str:
-    """Describe where the maxima are, and that they hold the shares `weights (M,)`; empty for one."""
+    """Describe the maxima and the shares `weights (M,)` of draws near them; empty for one maximum."""
     if not mode.others or weights is None:
         return ""
     names = [
@@ -65,7 +65,7 @@ DIAGNOSTICS = (
     "count the independent ones: the error of a mean is the sd over their square root. Acceptance is "
     "the share of proposed steps that were taken."
 )
-MOST_NAMED, MOST_LISTED = 4, 6  # most unknowns of another maximum that are named, and most maxima
+MOST_NAMED, MOST_LISTED = 4, 6  # largest numbers of unknowns named at a maximum, and of maxima
 
 
 def _apart(value: float, other: float) -> bool:
@@ -86,8 +86,8 @@ def describe_map(mode: Mode, units: DisplayUnits) -> str:
         )
     elif same == 0:
         lines.append(
-            "     it was reached from a point of the prior, or from around another maximum; increase "
-            "map.starts or map.evaluations"
+            "     only a search from a draw of the prior, or from near another maximum, found it; "
+            "increase map.starts or map.evaluations"
         )
     elif same < 2 and n > 1:
         lines.append("     no second search confirms it; increase map.starts or map.evaluations")
@@ -115,7 +115,7 @@ def describe_map(mode: Mode, units: DisplayUnits) -> str:
 
 
 def describe_searches(mode: Mode) -> str:
-    """Return how the searches for the MAP went, in one line, and what is to be known of it."""
+    """Return one line on the searches for the MAP, with doubts about the maximum."""
     n, same = len(mode.searches), len(mode.highest)
     said = f"MAP: {same} of {n} searches reached the {'' if same == 1 else 'same '}maximum"
     if not same:
@@ -130,7 +130,7 @@ def describe_searches(mode: Mode) -> str:
 
 
 def describe_sampling(sampled: SamplingResult) -> str:
-    """Return in one line whether the ensembles converged; more where they did not."""
+    """Return one line if the ensembles converged, or else the text of `describe_convergence`."""
     c = sampled.convergence
     if not c.converged:
         return describe_convergence(sampled)
@@ -182,11 +182,11 @@ def describe_convergence(sampled: SamplingResult) -> str:
     return "\n".join(lines)
 
 
-STEPS = 300  # most steps that are drawn
+STEPS = 300  # largest number of steps that are drawn
 QUANTILES = (0.05, 0.5, 0.95)  # quantiles of the walkers
-EXCURSION = 1.0  # how far burn-in may stretch an axis, in widths of what comes after it
-REACH = 0.5  # how far the nominal value may stretch it
-# Of the ensembles: greys, widths and dashes, each apart from the next in print.
+EXCURSION = 1.0  # largest extension of an axis for burn-in, in widths of the bands after burn-in
+REACH = 0.5  # largest extension of an axis for the nominal value, in widths of the axis
+# Grey, line width and dashes of each ensemble; two neighbours are distinguishable in print.
 LOOKS: tuple[tuple[str, float, Any], ...] = (
     ("0.0", 0.9, "-"),
     ("0.5", 1.5, "-"),
@@ -196,8 +196,8 @@ LOOKS: tuple[tuple[str, float, Any], ...] = (
     ("0.5", 1.5, (0, (5, 2))),
 )
 THIN = 0.8  # line width in a panel with all ensembles
-STRETCHES = 45  # over which a median is averaged: in a jagged line no dashes are seen
-MARKS = 4  # ensemble numbers along each median
+STRETCHES = 45  # number of segments, in each of which a median is averaged to make dashes visible
+MARKS = 4  # number of marks with ensemble numbers in a panel; each ensemble has at least one
 MARK = style.fix_look(linestyle="none", marker="o", markersize=6.5, markeredgewidth=0.5)
 BURN_IN: dict[str, Any] = {**style.HATCHED, "hatch": "////"}
 BANDS = 0.24  # opacity of all bands together
@@ -244,7 +244,7 @@ def trace_figure(
 def _scale(
     bands: Array, after_burn_in: NDArray[np.bool_], nominal: float | None, prior: Prior | None
 ) -> scales.Scale:
-    """Return an axis for bands `(3, E, steps)`: all after burn-in, and the nearer part of burn-in."""
+    """Return an axis for bands `(3, E, steps)` after burn-in, and for burn-in up to `EXCURSION`."""
     log = flat_in_logs(prior)
     to, back = (np.log, np.exp) if log else (np.asarray, np.asarray)
     scaled, after = to(bands), to(bands[..., after_burn_in])
@@ -257,7 +257,7 @@ def _scale(
 
 
 def ensemble_line(ensemble: int, width: float | None = None) -> dict[str, Any]:
-    """Return the style of the lines of an ensemble, of its own `width` or of this one."""
+    """Return the line style of an ensemble, with line width `width` or that of the ensemble."""
     colour, line_width, dashes = LOOKS[ensemble % len(LOOKS)]
     return {"color": colour, "linestyle": dashes, "linewidth": width or line_width}
 
@@ -298,14 +298,14 @@ def _step_axis(panel: Axes, n: int, most: int = 3) -> None:
     panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
 
 
-BEYOND = 2.0  # lags that are shown, in windows
+BEYOND = 2.0  # largest lag that is shown, in lengths of the window that tau is summed over
 TAU: dict[str, Any] = {"color": style.BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.8}
 
 
 def autocorrelation_figure(
     theta: Array, symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw the autocorrelation of chains `(E, S, W, D)`, of each ensemble and of all."""
+    """Draw autocorrelations of chains `(E, S, W, D)` by ensemble, with time and window of all."""
     result = autocorrelation(theta)
     lags = min(theta.shape[1], math.ceil(BEYOND * (int(result.window.max()) + 1)) + 1)
     each = [autocorrelation(chain[None]).rho[:lags] for chain in theta]
@@ -333,7 +333,7 @@ def autocorrelation_figure(
 def rank_figure(
     ranks: Sequence[RankHistogram], symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw how many more draws of an ensemble than expected are below each share, in per cent."""
+    """Draw the ECDF of the ranks of each ensemble minus the uniform CDF, in per cent."""
     most = 100 * max(max(np.abs(h.deviation).max(), h.half_width.max()) / h.draws for h in ranks)
     places = np.pad(SHARES, 1, constant_values=(0, 1))
     with style.styled(width):

@@ -33,9 +33,9 @@ from bayesdrill.report.style import Axes, Axis, Figure
 from bayesdrill.report.view import Drawing, ReportContext
 
 GAP = 0.06  # gap between panels, relative to a panel
-LARGEST = 2.2 * (1 + GAP)  # inches from one panel to the next
-LEAST = 13.0 / 72  # least inches of a panel, below which the page grows
-READABLE = 5.7  # points; smaller labels are turned by 90 degrees, and include the axis range
+LARGEST = 2.2 * (1 + GAP)  # largest distance of a panel from the next, in inches
+LEAST = 13.0 / 72  # smallest distance of a panel from the next, in inches; pages grow to keep it
+READABLE = 5.7  # smallest font size of upright labels [points]; turned labels show the axis range
 SMALLEST = 5.2  # smallest font size of numbers at an axis, in points
 BELOW = 0.11  # inches for the gap above a turned label and the margin under it
 CLEAR = 0.1  # share of an axis at each end that has no numbers
@@ -43,7 +43,7 @@ CLEAR = 0.1  # share of an axis at each end that has no numbers
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerLayout:
-    """The layout has margins in inches per point of the font, and the pitch `across` in letters."""
+    """The layout has margins in inches per point of font size, and the pitch `across` in font sizes."""
 
     across: float
     left: float
@@ -62,7 +62,7 @@ TURNED = CornerLayout(across=2.6, left=0.085, right=0.075)
 
 
 def _label_with_ends(scale: Scale, symbol: Symbol) -> str:
-    """Return the text of an axis without room for numbers: its label, and its range below it."""
+    """Return the text for an axis that has no room for numbers: label, and range on a second line."""
     ends = scale.number(scale.value(np.array([scale.low, scale.high])))
     low, high = (f"{end:.3g}".replace("-", "\N{MINUS SIGN}") for end in ends)
     return f"{scale.label(symbol)}\n{low} to {high}"
@@ -201,13 +201,13 @@ def _looks(columns: Sequence[CornerColumn]) -> dict[str, style.Look]:
     return looks | dict.fromkeys(notes, style.WORDS)
 
 
-POINTS = 2000  # most points in a panel; contours and histograms use all draws
-REACH = 1.0  # the axis grows by this share of its width at most to show the nominal value
+POINTS = 2000  # largest number of points in a panel; contours and histograms use all draws
+REACH = 1.0  # largest extension of an axis to show the nominal value, in widths of the axis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerColumn:
-    """The column has one unknown, its draws `(N,)`, and their places `x (N,)` on the axis."""
+    """The column has one unknown, its draws `(N,)`, and their positions `x (N,)` on the axis."""
 
     symbol: Symbol
     scale: scales.Scale
@@ -226,7 +226,7 @@ class CornerColumn:
 
 
 def corner_figure(draws: Array, shown: DisplayedUnknowns, width: float = scales.DOUBLE) -> Figure:
-    """Draw a corner plot of draws `(N, D)` of what is `shown`, at most `width` inches wide."""
+    """Draw a corner plot of draws `(N, D)` of `shown` quantities, about `width` inches wide."""
     columns = [_column(x, symbol, shown) for x, symbol in zip(draws.T, shown.symbols, strict=True)]
     with style.styled(width):
         page = CornerPage.build([(column.scale, column.symbol) for column in columns], width)
@@ -244,7 +244,7 @@ def corner_figure(draws: Array, shown: DisplayedUnknowns, width: float = scales.
 
 
 def _column(x: Array, symbol: Symbol, shown: DisplayedUnknowns) -> CornerColumn:
-    """Return a column whose axis shows nearly all draws, the MAP, and a near nominal value."""
+    """Return a column whose axis shows nearly all draws, the MAP, and the nominal value if near."""
     name, prior = symbol.name, shown.priors.get(symbol.name)
     nominal, mode, log = shown.nominal.get(name), shown.mode.get(name), flat_in_logs(prior)
     low, high = np.quantile(x, [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2]).tolist()
@@ -268,7 +268,7 @@ def _title(column: CornerColumn, interval: Array) -> str:
 
 
 def _points(columns: Sequence[CornerColumn], page: CornerPage) -> None:
-    """Plot a part of the draws as one artist, as each rasterised artist costs a page of pixels."""
+    """Plot some draws as one artist, because each rasterised artist takes memory for a whole page."""
     from matplotlib.lines import Line2D
 
     shown = style.thin(len(columns[0].x), round(POINTS * page.fine**2))
@@ -288,7 +288,7 @@ def _points(columns: Sequence[CornerColumn], page: CornerPage) -> None:
 
 
 def _marginal(panel: Axes, column: CornerColumn, page: CornerPage) -> None:
-    """Draw a histogram of all draws, cut at the ends of the prior, and the prior scaled to it."""
+    """Draw a histogram of all draws, cut at ends of the prior, and the prior density in its scale."""
     x, scale = column.x, column.scale
     interval = np.array(hdi(column.draws))
     near, far = scale(interval).tolist()

@@ -1,4 +1,4 @@
-"""Describe a designed experiment: sds before and after it, what no waveform shows, and a figure."""
+"""Describe a designed experiment: sds before and after it, undeterminable targets, and a figure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bayesdrill.report.sections.identifiability import percent
 from bayesdrill.report.style import Axes, Figure
 
 SHOWN = (RECORDED, *FAMILIES, REPEATED, DESIGNED)  # waveforms of the table
-ALIKE = 1.05  # ratio of sds up to which two waveforms are called equally sharp
+ALIKE = 1.05  # ratio of two waveforms' sds, up to which the waveforms are called equally sharp
 CRITERION = "log det"
 
 
@@ -64,7 +64,7 @@ def design_table(design: ExperimentDesign) -> str:
 
 
 def target_sentences(design: ExperimentDesign) -> str:
-    """Return a sentence for each target, and remedies if no waveform shows it."""
+    """Return a sentence for each target, and the remedies that are known for it."""
     lines: list[str] = []
     for target in design.targets:
         lines += [_sentence(target)]
@@ -172,7 +172,7 @@ RECORDED_MARK = style.fix_look(
 USUAL_MARK = style.fix_look(
     color=style.NOMINAL["color"], marker="D", markersize=3.5, linestyle="none"
 )
-MARK_SHIFT = 0.23  # shift of marks in rows, so that marks of equal sds stand one above the other
+MARK_SHIFT = 0.23  # vertical shift of marks within a row, as marks of equal sds would overlap
 
 
 def _waveform(panel: Axes, design: ExperimentDesign, symbol: Symbol, time: scales.Scale) -> None:
@@ -188,7 +188,7 @@ def _waveform(panel: Axes, design: ExperimentDesign, symbol: Symbol, time: scale
 def _responses(
     design: ExperimentDesign, problem: Problem
 ) -> Iterator[tuple[scales.Labelled, Array, tuple[float, ...]]]:
-    """Yield label, band `(3, T)` and limits of each channel and each other limited quantity."""
+    """Yield label, band `(3, T)` and limits of each channel and of each further limited quantity."""
     limits = design.request.limits
     ends = {limit.text: tuple(filter(np.isfinite, (limit.low, limit.high))) for limit in limits}
     for k, channel in enumerate(design.experiment.channels):
@@ -239,6 +239,6 @@ def _sds(panel: Axes, targets: tuple[TargetOutlook, ...]) -> None:
         panel.plot(x(100 * np.array(sds)), rows + shift, **look)
     panel.set_ylim(len(targets) - 0.4, -0.6)
     panel.set_yticks(rows, [target.name.replace("**", "^") for target in targets])
-    panel.yaxis.tick_right()  # at the left they would move the labels of all other panels
+    panel.yaxis.tick_right()  # labels at the left would move the labels of all other panels
     panel.tick_params(axis="y", length=0)
     style.scale_axis(panel.xaxis, x, "relative standard deviation [%]", 8)
