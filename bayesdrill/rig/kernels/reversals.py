@@ -9,10 +9,10 @@ Events are not located in time: no root is sought, and no step ends at an event.
 is divided into parts, and in each part a constant mean effort replaces the effort of the friction:
 
 - a zero crossing: the mean of the efforts before and after the crossing, weighted by their durations if
-  the speed falls to zero along a straight line;
+  the speed falls along a straight line;
 - slip to stick: the effort that brings the speed to zero at the end of the part;
-- stick to slip: the mean of the required effort until it reaches the friction at rest, and of the sliding
-  friction after that. The required effort is approximated by two straight lines in time.
+- stick to slip: the mean of the required effort until it reaches the friction at rest, and of the
+  sliding friction after that. The required effort is approximated by two straight lines in time.
 
 Over a part of length h the impulse of the mean effort has an error of O(h^2), and so has the motion
 within the part.  So an event leaves an error of O(h^2) in the state.  A record with finitely many events

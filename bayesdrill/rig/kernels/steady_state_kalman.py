@@ -347,7 +347,7 @@ class SteadyFilter:
     def advance(
         self, index: ir.Value, registers: list[ir.Value], pulls: ir.Value | None
     ) -> list[ir.Value]:
-        """Filter a sample; return state (n), sums of squares (K) and, with `pulls (K, n)`, scores (n)."""
+        """Filter a sample; return state (n), sums of squares (K) and, if `pulls (K, n)`, scores (n)."""
         b, n, k_count = self.m.b, self.system.n, self.system.k
         lanes = [Vector(b, register) for register in registers]
         state, sums, shown = lanes[:n], lanes[n : n + k_count], lanes[n + k_count :]
@@ -402,7 +402,7 @@ def _emit_samples(w: SteadyFilter, blocks: ir.Value, state: list[ir.Value]) -> l
 
 
 def _emit_pulls(w: SteadyFilter) -> ir.Value:
-    """Return pulls A^k `(BLOCK_SAMPLES, K, n)`: how sample k depends on the block's first state."""
+    """Return pulls A^j `(BLOCK_SAMPLES, K, n)`: how sample j depends on its block's first state."""
     m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     each = n * k_count
     pulls, a = m.room(BLOCK_SAMPLES * each), w.at["a"]

@@ -117,7 +117,7 @@ class SteppedShape:
 
     @property
     def long_steps(self) -> bool:
-        """Return whether long steps are possible: varying sizes settle, and nothing else varies."""
+        """Return whether long steps are possible: sizes settle, and nothing else needs short steps."""
         special = self.model.gravities or self.model.saturation
         if self.efforts or self.read or self.late or special:
             return False
