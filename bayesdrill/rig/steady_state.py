@@ -21,14 +21,14 @@ def angle_indices(model: Model) -> list[int]:
 
 
 def rotates_freely(matrix: Array, angles: Sequence[int]) -> bool:
-    """Return whether adding the same angle to all angles changes no rate, with `matrix (n, X, X)`."""
+    """Return whether equal shifts of all angles change no rate, for any of `matrix (n, X, X)`."""
     columns = matrix[np.isfinite(matrix).all(axis=(1, 2))][:, :, list(angles)]
     invariant = np.abs(columns.sum(axis=-1)) <= INVARIANCE_TOLERANCE * np.abs(columns).sum(axis=-1)
     return bool(invariant.all())
 
 
 def free_turn(matrix: Array, angles: Sequence[int]) -> Array | None:
-    """Return each angle's turn in free rotation, relative to the first; None if it is resisted.
+    """Return each angle's turn in free rotation, relative to the first; None if rotation is resisted.
 
     Gears within a drive train make these ratios differ from one.
     """

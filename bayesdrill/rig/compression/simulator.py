@@ -41,7 +41,7 @@ from bayesdrill.rig.simulators.long_record import LongRecord
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 
 TOLERANCE = 1e-7  # admissible error of the log likelihood
-MAX_BEYOND = 0.02  # largest fraction of points whose bound is too large, for the exact simulator
+MAX_BEYOND = 0.02  # fraction of points whose bound may be too large: the exact simulator serves
 LEAST = 1e-300  # smallest weight of a sum, to avoid division by zero
 # Numbers of digits of a mode's response that functions represent, tried in this order.
 RESPONSE_DIGITS = range(12, 26, 2)

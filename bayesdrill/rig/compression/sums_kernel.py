@@ -87,7 +87,7 @@ def write_sums(module: Module, shape: BasisShape) -> None:
 
 
 def _expand(expansion: BasisExpansion, bases: tuple[ir.Value, ...]) -> list[ir.Value]:
-    """Store the walkers' coefficients, return bounds `(K,)`; `bases` are of numbers and slopes."""
+    """Store the coefficients of walkers at `bases` (numbers, slopes); return bounds `(K,)`."""
     b, shape, layout = expansion.b, expansion.shape, expansion.shape.layout
     numbers = map(Blocks(b, bases).get, range(layout.n_parameters, shape.walker_size))
     start = [*islice(numbers, layout.n_states)]

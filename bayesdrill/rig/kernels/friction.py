@@ -114,7 +114,7 @@ def moved_by(rows: Rows, state: Sequence[Number], drive: Column) -> list[Number]
 
 @dataclass(frozen=True, slots=True)
 class FrictionHistory:
-    """The history has the varying sizes in the last step, and `trends`, their changes before it."""
+    """The history has the varying sizes in the last step, and `trends`, their latest changes."""
 
     sizes: list[Number]
     trends: list[Number]

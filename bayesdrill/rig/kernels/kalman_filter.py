@@ -4,8 +4,8 @@ Over a step h, the state-space model x' = F x + g w with white noise w of intens
 
     Phi = exp(F h)      Q = q int exp(F s) g g' exp(F s)' ds  from 0 to h
 
-(Van Loan 1978).  h is halved until the Taylor series of Phi is short, and Q is a Gauss-Legendre sum.
-Then Phi <- Phi Phi and Q <- Q + Phi Q Phi', once for each halving.
+(Van Loan 1978).  h is halved until the Taylor series of Phi is short.  Over the halved step Q is a
+Gauss-Legendre sum.  Then Phi <- Phi Phi and Q <- Q + Phi Q Phi', once for each halving.
 
 The filter takes the channels of a sample one by one, so that it inverts no matrix (Anderson and Moore
 1979, section 6.4): with the innovation e = y - c x, its variance S = c P c' + R and the gain
@@ -14,7 +14,7 @@ k = P c' / S,
     update       x <- x + k e       P <- P - k c P
     prediction   x <- Phi x         P <- Phi P Phi' + Q
 
-A steady covariance is only updated after a gap or another step length.  The smoother goes back by
+Once the covariance is steady, only a gap or another step changes it.  The smoother goes back by
 adjoints (Bryson and Frazier 1963; Bierman 1973), without inverting a covariance:
 
     r <- Phi' r      r <- r + c' (e / S - k' r)  channel by channel      x + P r  is the smoothed state
@@ -210,7 +210,7 @@ def _over(b: Builder, index: ir.Value) -> Vector:
 def _emit_squares(
     memory: Numbers, timed: dict[tuple[int, int], Number], n: int, q: ir.Value, driven: Number
 ) -> None:
-    """Store q = driven int exp(F s) g g' exp(F s)' ds from 0 to 1, with the `timed` entries F."""
+    """Store q = driven int exp(F s) g g' exp(F s)' ds from 0 to 1, with the `timed` entries of F."""
     b = memory.b
     terms = memory.room((TAYLOR_DEGREE + 1) * n)
     memory.put_row([*[0.0] * (n - 1), 1.0], terms)
@@ -312,7 +312,7 @@ def _root(b: Builder, number: Number) -> Number:
 
 
 STEADY_TOLERANCE = 1e-13  # relative change of a variance below which the covariance is steady
-STEADY_SLOPE_TOLERANCE = 1e-10  # the same for its slope, relative to variance + |slope|
+STEADY_SLOPE_TOLERANCE = 1e-10  # the same for the slope, relative to |slope| + variance
 
 # G groups, T samples, M step lengths. If `lead` is 1, the start is before the first sample, and the
 # last step leads from the start to this sample.

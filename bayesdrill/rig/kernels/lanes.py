@@ -368,7 +368,7 @@ def kernel(
 def routine[**P](
     write: Callable[Concatenate[Builder, P], None],
 ) -> Callable[Concatenate[Builder, P], None]:
-    """Turn a writer of code into a function that a module has once, and calls from then on.
+    """Turn a writer of code into a function, which a module contains once and calls repeatedly.
 
     `ir.Value` arguments become its arguments. It is specialised for all other arguments.
     """

@@ -283,7 +283,7 @@ class _Walker:
         return self.bases if first < self.shape.with_slopes else self.bases[:1]
 
     def _rows(self) -> list[dict[int, Number]]:
-        """Return each channel's row: its weights by index of the state, then its offset by index X."""
+        """Return each channel's row: its weights by index of the state, and its offset at `self.x`."""
         numbers, count = self.numbers("rows"), self.x + 1
         return [
             {i: numbers[k * count + i] for i in range(count) if i == self.x or shows[i]}

@@ -74,7 +74,7 @@ class LinearShape:
 
     @property
     def joined(self) -> int:
-        """Return the samples per step: several, as large matrices are faster for several at once."""
+        """Return the samples per step; large matrices are faster with several samples at once."""
         plain = self.layout.large and not (self.uneven or any(self.late))
         return JOINED if plain else 1
 
@@ -100,7 +100,7 @@ class LinearShape:
 
     @property
     def with_slopes(self) -> int:
-        """Return how many numbers of `parts`, the first ones, have slopes if the kernel has slopes."""
+        """Return how many of the first numbers of `parts` have slopes, in a kernel with slopes."""
         return sum(self.parts.values()) if self.sensed else self.layout.n_parameters
 
     @property

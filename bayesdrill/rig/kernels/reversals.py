@@ -138,7 +138,7 @@ class ReversalStep:
         """Return the result of one part, as `advance` does for the whole step."""
         step, state, drive, inputs = self.step, now.state, now.drive, now.inputs
         rest_sizes = step.rest_sizes(state, inputs)
-        sizes = [*rest_sizes]  # if different by direction, the past has only one of both
+        sizes = [*rest_sizes]  # kept if they differ by direction: only one past size is known
         for e, magnitude in zip(step.varying, now.past.sizes, strict=True):
             if not sizes[e].differ:
                 sizes[e] = Sizes(magnitude, magnitude)

@@ -11,7 +11,7 @@ it.  Two equal blocks make a block of twice the length:
     H <- H + B (1 + H G)^-1 H B'
 
 until H is the steady-state covariance P.  Blocks are combined by the binary digits of the record's
-length: a block before samples of information G_2 has, with them, G + B' G_2 (1 + H G_2)^-1 B.
+length: a block and later samples of information G_2 have G + B' G_2 (1 + H G_2)^-1 B together.
 
 With the constant gain of P the filter is a linear recurrence.  Each channel of a sample updates
 x <- x + k (y - c x), and the prediction is x <- Phi x + g + Gamma u.  The covariance at the start

@@ -7,7 +7,7 @@ order in the length of a part.
 
 Channels with sampling times of their own are interpolated. Their values and rates are stored at all
 nodes. Between two nodes a channel is the cubic with the values and rates at both nodes (Hermite).
-These rates are those within the step: they include its efforts at both ends.
+The rates at both nodes are evaluated with the efforts of the step between them.
 """
 
 from __future__ import annotations

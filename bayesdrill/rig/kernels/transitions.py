@@ -2,7 +2,7 @@
 
 The distinct steps of a record have a table of matrix exponentials.  A span that is not in the table is
 a ratio times a `width`.  Its exponential acts on a state by a ladder, whose rungs are exponentials over
-..., 4, 2, 1, 1/2, 1/4, ... widths: each binary digit one of the ratio takes one product with a rung.
+..., 4, 2, 1, 1/2, 1/4, ... widths: each 1 in the binary digits of the ratio takes a product with a rung.
 A Taylor series of few terms covers the span that remains after the last rung.  The number of rungs
 below the width that a lane needs follows from the norm of its matrix.
 """
@@ -48,7 +48,7 @@ from bayesdrill.rig.kernels.numbers import (
 MAX_SERIES_DEGREE = 14
 MAX_SERIES_NORM = 0.3  # largest norm times span for which a series is used
 SERIES_TAIL = 1e-16  # truncation error of a series, relative to the state
-MAX_HALVINGS = 50  # most halvings of the width: shorter spans are lost in the rounding of times
+MAX_HALVINGS = 50  # upper limit for the width: shorter spans are lost in the rounding of times
 MAX_RUNGS = 60 + MAX_HALVINGS
 LEAST_NORM = 1e-3  # smallest norm times width; a smaller product is raised to this
 MAX_NORM = 1e100  # largest norm; a lane with a larger one has overflowed
@@ -58,9 +58,9 @@ Step = Callable[[State, "InputHold"], State]
 
 
 def table_entries(layout: Layout) -> list[tuple[int, int]]:
-    """Return (row, column) of the entries of an exponential in tables: in reach, in rows of states.
+    """Return (row, column) of the entries that tables store: those in reach, in rows of states.
 
-    Of a large matrix, tables have whole rows.
+    For a large matrix these are whole rows.
     """
     n, reach, large = layout.size, layout.reach, layout.large
     return [(i, j) for i in range(layout.n_states) for j in range(n) if large or reach[i][j]]
