@@ -1,9 +1,9 @@
 """Choose rational functions for the response of rigs near a reference, and project a record on them.
 
 See `basis_kernel` for the functions. Their poles are chosen for the rigs at given points. The
-functions' filters, applied to the inputs, give the columns of a matrix B = Q R. With the residuals r
-of the reference, the record is reduced, block by block, to the triangle R and to Q' r. Their sizes do
-not depend on the length of the record.
+functions' filters, applied to the inputs, give the columns of a matrix B = Q R. With the residuals
+r of the reference, the record is reduced, block by block, to the triangle R and to Q' r. Their
+sizes do not depend on the length of the record.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class Pole:
 class Basis:
     """The basis has poles of functions, and coordinates in which rigs are nearly diagonal.
 
-    The columns of `vectors (X, X)` are the directions of `integrators`, then modes of the reference;
-    a pair has two adjacent columns. `duals` is the inverse of `vectors`.
+    The columns of `vectors (X, X)` are the directions of `integrators`, then modes of the
+    reference; a pair has two adjacent columns. `duals` is the inverse of `vectors`.
     """
 
     poles: tuple[Pole, ...]
@@ -77,8 +77,8 @@ class Basis:
 def choose_basis(rates: Array, dt: float, left: float) -> Basis:
     """Choose functions for n rigs with the state matrices `rates`; the first is the reference.
 
-    `rates` is `(n, X, X)`. `left` is the fraction of a mode's response that may be neglected. Raises
-    `CompressionError` if a rig has modes that do not decay, or if poles are too far apart.
+    `rates` is `(n, X, X)`. `left` is the fraction of a mode's response that may be neglected.
+    Raises `CompressionError` if a rig has modes that do not decay, or if poles are too far apart.
     """
     from scipy.linalg import expm  # slow to import, and rarely needed
 
@@ -279,8 +279,8 @@ def triangle(
     """Reduce blocks of columns `(m, n)`, and of the reference's residuals `(m, K)`, to triangles.
 
     Missing samples are NaN. `columns` is n, and zeros pad triangles to a multiple of `ROWS`. `sums`
-    is 1 for residuals alone, and 3 with increments and ends. `alike` are the groups of channels that
-    share a triangle.
+    is 1 for residuals alone, and 3 with increments and ends. `alike` are the groups of channels
+    that share a triangle.
     """
     parts = [_Rows([np.zeros((0, columns + k.stop - k.start))] * sums) for k in alike]
     for block, left in blocks:

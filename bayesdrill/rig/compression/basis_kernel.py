@@ -5,10 +5,10 @@ pairs Kautz 1954).  For a pole a and any pole l of a rig
 
     1 / (z - l) = (1 - a^2) / ((z - a) (1 - a l)) + (1 - a z) / (z - a) (l - a) / (1 - a l) / (z - l)
 
-The last term is again the response 1 / (z - l), to an input that has passed an all-pass.  It is smaller
-by the factor |l - a| / |1 - a l|.  The code has the matrix F = Phi - 1 of a walker in place of l - 1.
-So it needs no eigenvalues, and poles may coincide.  The remainder after the last function has a bound.
-All formulas use F and not Phi, so that no digits are lost at a high sampling rate.
+The last term is again the response 1 / (z - l), to an input that has passed an all-pass.  It is
+smaller by the factor |l - a| / |1 - a l|.  The code has the matrix F = Phi - 1 of a walker in place
+of l - 1.  So it needs no eigenvalues, and poles may coincide.  The remainder after the last
+function has a bound.  Formulas use F and not Phi, which saves digits at a high sampling rate.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ class BasisShape:
     """Kernels are specialised for this structure.
 
     `slopes` says that numbers have slopes. `poles` has the number of coordinates of each pole, in
-    the order of modal coordinates. Before them are `integrators`, coordinates on which no rate depends.
-    `impulse` says that the rig moves because of its start. `channels` is K. `sums` is 1 for the squares
-    of residuals of each channel, and 3 with those of increments and both ends.
+    the order of modal coordinates. Before them are `integrators`, coordinates on which no rate
+    depends. `impulse` says that the rig moves because of its start. `channels` is K. `sums` is 1
+    for the squares of residuals of each channel, and 3 with those of increments and both ends.
     """
 
     layout: Layout
@@ -159,9 +159,9 @@ COUNT = 8  # numbers of a pole
 class ModalFrame:
     """The frame has numbers that all walkers share: coordinates, sizes, first inputs, poles.
 
-    `vectors (X, X)` and their inverse `duals` define the modal coordinates. `sizes` are norms of the
-    sources over all samples. `first (S,)` is subtracted from interpolated input series. `poles` has
-    the `PoleNumbers` of each pole.
+    `vectors (X, X)` and their inverse `duals` define the modal coordinates. `sizes` are norms of
+    the sources over all samples. `first (S,)` is subtracted from interpolated input series. `poles`
+    has the `PoleNumbers` of each pole.
     """
 
     def __init__(self, b: Builder, shape: BasisShape, block: ir.Value) -> None:
@@ -359,9 +359,9 @@ LEAST = -1e-300  # lower limit of entries that should not be negative
 class _RemainderBound:
     """The bound is that of a walker's response to an input that is the remainder of the series.
 
-    For a diagonal block T of modal coordinates, |(z - T)^-1| <= 1 / (1 - |T|) on the unit circle. The
-    coupling between blocks is at most Q. It adds up to (1 - Q)^-1, which is a bound only if it has no
-    negative entry. Coordinates are first turned towards the walker's own modes, so that Q is small.
+    For a diagonal block T of modal coordinates, |(z - T)^-1| <= 1 / (1 - |T|) on the unit circle.
+    The coupling between blocks is at most Q. It adds up to (1 - Q)^-1, which is a bound only if it
+    has no negative entry. Coordinates are first turned towards the walker's modes to make Q small.
     """
 
     def __init__(

@@ -52,8 +52,8 @@ class Compression:
     """The compression has a record's projection on functions, which is small for any record length.
 
     `shape`, `orders` and `frame` describe the functions to kernels. `reference (n, K)` are the
-    coefficients of the reference, which are subtracted from those of walkers. `numbers` are step and
-    constant inputs. `tolerance (K, sums)` is the admissible error of sums of squares.
+    coefficients of the reference, which are subtracted from those of walkers. `numbers` are step
+    and constant inputs. `tolerance (K, sums)` is the admissible error of sums of squares.
     """
 
     shape: BasisShape

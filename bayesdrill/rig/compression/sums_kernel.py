@@ -48,15 +48,15 @@ def _projections(
 def write_sums(module: Module, shape: BasisShape) -> None:
     """Write the kernel `sums`, whose arguments are `COUNTS` and the addresses of `BLOCKS`.
 
-    `walkers (G, P + X + K (X + 1), LANES)` are the parameters, start and rows of channels of G groups.
-    The number n of `columns` is a multiple of `ROWS`.  `channel` is the distance between the triangles
-    `(n, n)` of two channels, zero if they share one, and `sum` is that between two sums.  `numbers` are
-    step and constant inputs.  `projected (K, sums, n + 1)` has the projected residuals of the reference,
-    and the sum of squares of the rest.  `out (G, K sums + K, LANES)` has sums and truncation bounds.
+    `walkers (G, P + X + K (X + 1), LANES)` are parameters, start and channel rows of G groups.
+    `columns` is n, a multiple of `ROWS`.  `channel` is the distance between the triangles `(n, n)`
+    of two channels, zero if they share one, and `sum` is that between two sums.  `numbers` are step
+    and constant inputs.  `projected (K, sums, n + 1)` has the reference's projected residuals, and
+    the rest's sum of squares.  `out (G, K sums + K, LANES)` has sums and truncation bounds.
 
-    With slopes, `directions (G, q, P + ..., LANES)` are slopes of the walkers' numbers in q directions,
-    and `weights (G, K sums, LANES)` are weights of the sums.  The results of `_store_products` are at
-    the end of `out (G, K sums + K + q + q q, LANES)`.
+    With slopes, `directions (G, q, P + ..., LANES)` are slopes of the walkers' numbers in q
+    directions, and `weights (G, K sums, LANES)` are weights of the sums.  The results of
+    `_store_products` are at the end of `out (G, K sums + K + q + q q, LANES)`.
     """
     with kernel(module, "sums", COUNTS, BLOCKS) as (a, b):
         q, columns, n_sums = a["q"], a["columns"], shape.channels * shape.sums

@@ -1,9 +1,9 @@
 """Compile kernels for the processor of this computer, once for each structure.
 
 A kernel is written in LLVM's intermediate language. It is compiled only if its machine code is
-neither in memory nor in the user's cache. The key of the code is a text of all that it depends on: the
-structures for which it is specialised, the model's formulas as code, the sources of kernels, the
-versions and settings of LLVM, and the processor.
+neither in memory nor in the user's cache. The key of the code is a text of all that it depends on:
+the structures for which it is specialised, the model's formulas as code, the sources of kernels,
+the versions and settings of LLVM, and the processor.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from bayesdrill.rig.kernels.lanes import LANES, Module
 # The passes of LLVM that make kernels faster. All other passes would double the time to compile
 # without a gain: kernels have no superfluous branches or small functions, and are vectorised.
 PASSES = ("sroa", "instruction_combine", "simplify_cfg")
-# LLVM's optimisation levels. The higher level takes a quarter more time to compile. It makes kernels
-# that consist of few loops, limited by arithmetic, 2 to 3 % faster, and other kernels no faster.
+# LLVM's optimisation levels. The higher level takes a quarter more time to compile. It makes
+# kernels that consist of few loops, limited by arithmetic, 2 to 3 % faster, and no others.
 OPT_LEVEL, HIGH_OPT_LEVEL = 1, 2
 Argument = NDArray[Any] | int  # a block, its address, or a count
 PIECE = 4096  # numbers per walker that are copied at once, so that they fit into the cache

@@ -51,9 +51,9 @@ MOST_WRITTEN_OUT = 10  # largest number of states whose products are unrolled
 class Layout:
     """The layout describes the augmented N x N matrix of a rig, for which kernels are specialised.
 
-    `entries(numbers)` returns its entries as (row, column, value); values at the same place are added.
-    The numbers are `n_parameters` parameters and then `n_constants` constant inputs. The columns are X
-    states, the constant 1, `n_series` sampled inputs and, with a first-order hold, their slopes.
+    `entries(numbers)` returns (row, column, value) of the entries; values at one place are added.
+    The numbers are `n_parameters` parameters, then `n_constants` constant inputs. The columns are X
+    states, the constant 1, `n_series` sampled inputs and, for a first-order hold, slopes.
     """
 
     n_parameters: int
@@ -237,8 +237,8 @@ def store_exponential(
     `beside_one=False` stores e - 1, which keeps more digits for short spans.
 
     The method is scaling and squaring (Moler and Van Loan 2003): a Taylor series of degree 16, then
-    as many squarings as each lane needs. Both compute e - 1. If another state is very fast, the span
-    of the series is short, and adding 1 would round off the small change of a slow state.
+    as many squarings as each lane needs. Both compute e - 1. If another state is very fast, the
+    span of the series is short, and adding 1 would round off the small change of a slow state.
     """
     parameters, span, *changes = numbers
     memory, n = Numbers(b, bool(changes)), layout.size

@@ -4,9 +4,9 @@
 
 As long as each friction slips in one direction or sticks, the rig is linear, in a `FrictionMode`.
 A slipping friction of constant size is part of the constant forcing.  A sticking friction has the
-effort that keeps its speed at zero, which is linear in the other states.  So the row of its speed is
-zero, and the row of its angle keeps the angle.  The rows of a mode are kept in memory, as they change
-rarely.
+effort that keeps its speed at zero, which is linear in the other states.  So the row of its speed
+is zero, and the row of its angle keeps the angle.  The rows of a mode are kept in memory, as they
+change rarely.
 
     x+ = Phi x + g + Gamma u + Gamma_f f
 
@@ -291,7 +291,7 @@ class FrictionMode:
         """Return new state, efforts (if the mode shows them), sizes that vary, and their trends.
 
         Varying sizes are those in the middle of the step. To compute them, the end of the step is
-        predicted with sizes that continue their trends. If `sizes` are given, they are used instead.
+        predicted with sizes that continue their trends. If `sizes` are given, these are used.
         """
         step, state, past = self.step, now.state, now.past
         rows, varying = self._read_rows(), step.varying

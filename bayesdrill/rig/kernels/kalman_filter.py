@@ -7,8 +7,8 @@ Over a step h, the state-space model x' = F x + g w with white noise w of intens
 (Van Loan 1978).  h is halved until the Taylor series of Phi is short.  Over the halved step Q is a
 Gauss-Legendre sum.  Then Phi <- Phi Phi and Q <- Q + Phi Q Phi', once for each halving.
 
-The filter takes the channels of a sample one by one, so that it inverts no matrix (Anderson and Moore
-1979, section 6.4): with the innovation e = y - c x, its variance S = c P c' + R and the gain
+The filter takes the channels of a sample one by one, so that it inverts no matrix (Anderson and
+Moore 1979, section 6.4): with the innovation e = y - c x, its variance S = c P c' + R and the gain
 k = P c' / S,
 
     update       x <- x + k e       P <- P - k c P
@@ -240,8 +240,8 @@ def _emit_squares(
 class Gains:
     """The block `(K, width)` has the Kalman gains of all channels.
 
-    Each channel has its gain (n,), the variance S of its innovation, and 1 / sqrt(S). `weights (K, n)`
-    is the block of the channels' weights.
+    Each channel has its gain (n,), the variance S of its innovation, and 1 / sqrt(S). The
+    channels' weights are in `weights (K, n)`.
     """
 
     memory: Numbers

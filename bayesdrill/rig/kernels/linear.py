@@ -4,18 +4,18 @@ With z = (x, 1, u, du/dt) a step is x(j + 1) = E(j) z(j).  E has the first rows 
 exponential over the step (`transitions`).  A channel is a row times (x, 1).  If derivatives are
 wanted, matrices, starts, rows and delays have slopes: derivatives in a direction of the parameters.
 
-A channel with delay s shows at time t its value at t - s.  On even times, s is a whole number of steps
-minus a fraction of a step, and the row is multiplied by the exponential over this fraction.  On uneven
-times the state at the knot before t - s is advanced by the remaining time.  Before the start, states
-change linearly.
+A channel with delay s shows at time t its value at t - s.  On even times, s is a whole number of
+steps minus a fraction of a step, and the row is multiplied by the exponential over this fraction.
+On uneven times the state at the knot before t - s is advanced by the remaining time.  Before the
+start, states change linearly.
 
-Rigs of more than ten states multiply matrices in loops (`multiply_large`).  On even times, one product
-then computes four samples (`Transitions.join_steps`).
+Rigs of more than ten states multiply matrices in loops (`multiply_large`).  On even times, one
+product then computes four samples (`Transitions.join_steps`).
 
 Sums of residuals are added up as channels are computed.  Otherwise channels are stored in planes
-`(rows, K)`: the values, then the slopes in each direction.  Planes are the output, or are reduced to
-normal equations in chunks of samples that fit into the processor's cache.  One kernel has code for
-both, because the matrices, which both need, take most of the code and of the time to compile it.
+`(rows, K)`: the values, then the slopes in each direction.  Planes are the output, or are reduced
+to normal equations in chunks of samples that fit into the processor's cache.  One kernel has code
+for both, because the matrices, which both need, take most of the code and compile time.
 """
 
 from __future__ import annotations
@@ -210,8 +210,8 @@ class _Writer:
     def _whiten(self, plane: ir.Value, first: ir.Value, rows: ir.Value) -> None:
         """Replace channels in a plane by whitened residuals, or their slopes by those of residuals.
 
-        With three weights s, the residual r_j becomes s_0 r_j - s_1 r_i, where i is the observed sample
-        before j.  The first residual r of a channel becomes s_2 r.
+        With three weights s, the residual r_j becomes s_0 r_j - s_1 r_i, where i is the observed
+        sample before j.  The first residual r of a channel becomes s_2 r.
         """
         b, k_count = self.b, self.k
         scales = b.read_row(self.weights, SCALES * k_count)

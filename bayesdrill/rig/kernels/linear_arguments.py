@@ -11,9 +11,9 @@ from bayesdrill.rig.kernels.lanes import NUMBERS, VECTORS, WHOLE
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.kernels.transitions import MAX_RUNGS, table_entries
 
-# G groups of LANES walkers; T samples; N knots (the samples, and times after the last); q directions;
-# `nodes` are entries of the table. `high` is the number of ladder rungs of at least its width, or -1
-# if all spans are in the table. `stored` is 1 if signals are stored, else 0.
+# G groups of LANES walkers; T samples; N knots (the samples, and times after the last); q
+# directions; `nodes` are entries of the table. `high` is the number of ladder rungs of at least its
+# width, or -1 if all spans are in the table. `stored` is 1 if signals are stored, else 0.
 COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
 BLOCKS = {
     "own": VECTORS,  # (G, numbers in `LinearShape.parts`, then `LinearShape.weights` numbers)
@@ -41,11 +41,11 @@ JOINED = 4  # samples per step of large matrices; a divisor of ROWS
 class LinearShape:
     """A kernel is specialised for this structure of a record.
 
-    `rows (K, X)` says which states a channel shows; their weights, and offsets, differ between walkers.
-    `late (K,)` says which channels are late. `uneven` says that steps differ, or that there is no
-    step. The kernel computes the sums of a `tally` or, without one, normal equations, for which
-    numbers have slopes. Kernels of `SQUARES` and of normal equations can store signals instead.
-    `sensed` says that starts and rows have slopes, which is never needed with perfect sensors.
+    `rows (K, X)` says which states a channel shows; their weights, and offsets, differ between
+    walkers. `late (K,)` says which channels are late. `uneven` says that steps differ, or that
+    there is no step. The kernel computes the sums of a `tally` or, without one, normal equations,
+    for which numbers have slopes. Kernels of `SQUARES` and of normal equations can store signals
+    instead. `sensed` says that starts and rows have slopes, never needed with perfect sensors.
     """
 
     layout: Layout

@@ -372,8 +372,8 @@ def factorise(b: Builder, out: ir.Value, a: ir.Value, n: int) -> None:
 def decompose(b: Builder, out: ir.Value, a: ir.Value, determinant: ir.Value, n: int) -> None:
     """Store L and U with L U = a (n, n) in one matrix, and the determinant.
 
-    The diagonal of L, all ones, is not stored, and that of U is stored inverted.  There is no pivoting:
-    the matrices are one plus a product of two covariances, which do not need it.
+    The diagonal of L, all ones, is not stored, and that of U is stored inverted.  There is no
+    pivoting: the matrices are one plus a product of two covariances, which do not need it.
     """
     entries = {(i, j): Vector(b, b.read(a, i * n + j)) for i in range(n) for j in range(n)}
     total = Vector(b, vector(1.0))

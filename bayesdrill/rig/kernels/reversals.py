@@ -5,8 +5,8 @@ Between events each friction slips one way or sticks, the rig is linear, and a s
 sticks or slips the other way.  The other kind is the moment when the effort that sticking requires
 exceeds the friction at rest, so that slip begins.
 
-Events are not located in time: no root is sought, and no step ends at an event.  A step with an event
-is divided into parts, and in each part a constant mean effort replaces the effort of the friction:
+Events are not located in time: no root is sought, and no step ends at an event.  A step with an
+event is divided into parts, and in each part a constant mean effort replaces the friction's effort:
 
 - a zero crossing: the mean of the efforts before and after the crossing, weighted by their durations if
   the speed falls along a straight line;
@@ -15,12 +15,12 @@ is divided into parts, and in each part a constant mean effort replaces the effo
   sliding friction after that. The required effort is approximated by two straight lines in time.
 
 Over a part of length h the impulse of the mean effort has an error of O(h^2), and so has the motion
-within the part.  So an event leaves an error of O(h^2) in the state.  A record with finitely many events
-has an error of second order in the step (`docs/rigs.md`, dry friction).
+within the part.  So an event leaves an error of O(h^2) in the state.  A record with finitely many
+events has an error of second order in the step (`docs/rigs.md`, dry friction).
 
-Steps are short because the size of friction falls with the speed.  If every speed stays so high that the
-sizes are constant, one long step to the next sample is exact.  While a friction sticks, steps are always
-short: a long step would make its speed zero at both ends of the step, but not in between.
+Steps are short because the size of friction falls with the speed.  If every speed stays so high
+that the sizes are constant, one long step to the next sample is exact.  While a friction sticks,
+steps are always short: a long step would make its speed zero at the ends of the step only.
 """
 
 from __future__ import annotations
@@ -194,10 +194,10 @@ class ReversalStep:
     ) -> tuple[Number, Mask]:
         """Return the mean effort over a step that begins in slip, and whether it ends in slip.
 
-        `stop` is the effort that would make the speed zero at the end of the step. Let the speed v be
-        positive, in units of the effort. If `stop` exceeds the size of the friction, v stays positive.
-        Otherwise v crosses zero within the step, where the effort v - stop drives it backwards. The
-        friction sticks if this effort is at most its size at rest. Else it slips backwards.
+        `stop` is the effort that would make the speed zero at the end of the step. Let the speed v
+        be positive, in units of the effort. If `stop` exceeds the size of the friction, v stays
+        positive. Otherwise v crosses zero within the step, where the effort v - stop drives it
+        backwards. The friction sticks if this effort is at most its size at rest. Else it slips.
         """
         back, most = below(speed, 0.0), sizes.along(speed)
         ahead, rate = where(back, -stop, stop), size(speed) * over
@@ -221,8 +221,8 @@ class ReversalStep:
     ) -> tuple[Number, Mask]:
         """Return the mean effort over a step that begins in stick, and where it slips at the end.
 
-        The required effort goes from `at_rest.effort` to `later`, with the mean `stop`. Once it exceeds
-        the size at rest, the friction slips with the size in `sizes`.
+        The required effort goes from `at_rest.effort` to `later`, with the mean `stop`. Once it
+        exceeds the size at rest, the friction slips with the size in `sizes`.
         """
         back, most, held = below(stop, 0.0), sizes.along(stop), at_rest.sizes.along(stop)
         efforts = (stop, at_rest.effort, later)

@@ -1,10 +1,10 @@
 """Advance a rig with a servo, whose loop is open while the servo saturates or is in its dead band.
 
-In each lane a step has the matrix of the closed or the open loop, depending on the wanted voltage at
-the beginning of the step; both are exact.  The time at which the loop opens or closes is not located.
-In such a step the voltage departs from that of the matrix along a straight line.  The mean of this
-difference acts over the whole step, which leaves an error of second order.  If the supply is measured,
-the effect of its difference from the usual supply is the mean of both ends of the step.
+In each lane a step has the matrix of the closed or the open loop, depending on the wanted voltage
+at the beginning of the step; both are exact.  The time at which the loop opens or closes is not
+located.  In such a step the voltage departs from that of the matrix along a straight line.  The
+mean of this difference acts over the whole step, which leaves an error of second order.  If the
+supply is measured, its difference from the usual supply acts by the mean of both ends.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ NO_CHANGE = 1e-300  # volts, added to a divisor that is zero where the voltage i
 class ServoLoop:
     """The loop of a servo gives its voltage within a step.
 
-    `column` is the column of the voltage among the drives.  The wanted voltage is `row` times states
-    and drives, plus `base`.
+    `column` is the column of the voltage among the drives.  The wanted voltage is `row` times
+    states and drives, plus `base`.
     """
 
     law: Saturation

@@ -3,8 +3,8 @@
 The Riccati equation is solved by doubling (Anderson 1978), and the start is exact.
 
 A block of 2^j samples has a transition B and two matrices.  H is the covariance of the state after
-the block, given the state before it.  G is the information of the block's samples on the state before
-it.  Two equal blocks make a block of twice the length:
+the block, given the state before it.  G is the information of the block's samples on the state
+before it.  Two equal blocks make a block of twice the length:
 
     B <- B E        E = (1 + H G)^-1 B
     G <- G + B' G E
@@ -78,8 +78,8 @@ def _products(
             yield i * system.n + j, weight * other
 
 
-# Addresses of the matrices P, Phi, Q, G and A (n, n), gains (see `Gains`), `variances` of noise, and
-# `weights`; and of pulls `(K, n)`, dc/dx / S of each predicted channel c with innovation variance S.
+# Addresses of the matrices P, Phi, Q, G and A (n, n), gains (see `Gains`), `variances` of noise,
+# `weights`, and pulls `(K, n)`: dc/dx / S of predicted channels c with innovation variance S.
 Addresses = dict[str, ir.Value]
 
 
@@ -226,8 +226,8 @@ def _correct_start(
 ) -> Number:
     """Correct for the covariance P0 (`start`) of the start, which the filter takes as P.
 
-    Return the first term, which is added to the sum of squares.  Store the second, the determinant of
-    the covariance of the whitened residuals:
+    Return the first term, which is added to the sum of squares.  Store the second, the determinant
+    of the covariance of the whitened residuals:
 
         b' (1 + P G) (1 + P0 G)^-1 (P - P0) b        det(1 + P0 G) / det(1 + P G)
 
@@ -266,9 +266,9 @@ BLOCK_SAMPLES = 8  # samples of a block
 def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> None:
     """Write the kernel `steadily`, whose arguments are COUNTS and the addresses of BLOCKS.
 
-    It stores minus half the sums of squared whitened residuals `(K,)`, which include the term of the
-    start.  Standard deviations of innovations `(K,)` and the determinant of `_correct_start` follow.
-    `layout` is that of the rig with its torque.
+    It stores minus half the sums of squared whitened residuals `(K,)`, which include the term of
+    the start.  Standard deviations of innovations `(K,)` and the determinant of `_correct_start`
+    follow.  `layout` is that of the rig with its torque.
     """
     n, k_count = system.n, system.k
     with kernel(module, "steadily", COUNTS, BLOCKS) as (a, b):

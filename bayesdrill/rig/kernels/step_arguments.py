@@ -42,11 +42,11 @@ BLOCKS = {
 class SteppedShape:
     """A kernel is specialised for this structure of a stepped rig and record.
 
-    `series` are sampled inputs; those in `late` have a lag, which differs between walkers. `constant`
-    are the non-zero constant inputs. `pattern (K, R)` says which entries of rows may differ from zero;
-    columns are states, 1 and, with `efforts`, frictions. `tally` is None for signals, which a kernel
-    of `SQUARES` can store too. `dual` says that numbers have slopes. `read` says that channels have
-    their own sampling times. `efforts` says that states and efforts are shown, at each step.
+    `series` are sampled inputs; those in `late` have a lag, which depends on the walker. `constant`
+    are the non-zero constant inputs. `pattern (K, R)` says which entries of rows may differ from
+    zero; columns are states, 1 and, with `efforts`, frictions. `tally` is None for signals, which a
+    kernel of `SQUARES` can store too. `dual` says that numbers have slopes. `read` says that
+    channels have their own sampling times. `efforts` says that each step shows states and efforts.
     """
 
     model: Model

@@ -15,8 +15,8 @@ from bayesdrill.rig.kernels.lanes import INT_VEC, VEC, Builder, Values, Vector, 
 class Record:
     """A record has the address of its samples `y (T, K)`, which are the same for all walkers.
 
-    Missing samples are NaN. `begin (K,)` has the index of the first measured sample of each channel.
-    Both are the same for all walkers, so that branches can skip code.
+    Missing samples are NaN. `begin (K,)` has the index of the first measured sample of each
+    channel. Both are the same for all walkers, so that branches can skip code.
     """
 
     b: Builder
@@ -60,9 +60,9 @@ class Sample:
 class ResidualSums:
     """The sums are those of squares of residuals; classes for other sums derive from this class.
 
-    `weights` is the number of weights of a walker for each channel. `start` has the initial values of
-    a channel's registers, which are carried from sample to sample. Instances of different classes are
-    never equal, so that none is mistaken for `SQUARES`.
+    `weights` is the number of weights of a walker for each channel. `start` has the initial values
+    of a channel's registers, which are carried from sample to sample. Instances of different
+    classes are never equal, so that none is mistaken for `SQUARES`.
     """
 
     start: tuple[float, ...] = (0.0,)
@@ -175,9 +175,9 @@ def _tail(b: Builder, far: ir.Value) -> ir.Value:
 class _Intervals(ResidualSums):
     """The sums are the sum of squares, and the product of probabilities of intervals around residuals.
 
-    The product is stored as in `_Logs`. Each interval is residual +- width / 2. If zero is outside an
-    interval, the interval's probability is divided by exp(-x^2 / 2) at the nearer end x; the logs of
-    these factors are added up too. The weights are 1 / sd, and width / (2 sd), which is at least 0.2.
+    The product is stored as in `_Logs`. Each interval is residual +- width / 2. If zero is outside
+    an interval, the interval's probability is divided by exp(-x^2 / 2) at the nearer end x; these
+    factors' logs are added up too. The weights are 1 / sd, and width / (2 sd), at least 0.2.
     """
 
     start: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)

@@ -1,10 +1,10 @@
 """Compute transition matrices of a group of walkers, over the steps of a record and over other spans.
 
-The distinct steps of a record have a table of matrix exponentials.  A span that is not in the table is
-a ratio times a `width`.  Its exponential acts on a state by a ladder, whose rungs are exponentials over
-..., 4, 2, 1, 1/2, 1/4, ... widths: each 1 in the binary digits of the ratio takes a product with a rung.
-A Taylor series of few terms covers the span that remains after the last rung.  The number of rungs
-below the width that a lane needs follows from the norm of its matrix.
+The distinct steps of a record have a table of matrix exponentials.  A span that is not in the table
+is a ratio times a `width`.  Its exponential acts on a state by a ladder, whose rungs are
+exponentials over ..., 4, 2, 1, 1/2, 1/4, ... widths: each 1 in the binary digits of the ratio takes
+a product with a rung.  A Taylor series of few terms covers the span that remains after the last
+rung.  The number of rungs below the width that a lane needs follows from the norm of its matrix.
 """
 
 from __future__ import annotations
@@ -109,8 +109,8 @@ class ExponentialLadder:
 class Transitions:
     """The writer has the code that fills and applies the transition matrices of walkers.
 
-    `kind` says whether numbers have slopes. `parameters` are the addresses of the parameters' values
-    and slopes, and `constants` is that of the constant inputs. `table` is the address of the
+    `kind` says whether numbers have slopes. `parameters` are the addresses of the parameters'
+    values and slopes, and `constants` is that of the constant inputs. `table` is the address of the
     exponentials of steps. `width` is the span that ratios refer to. `rungs` is the address of the
     ladder's exponentials. `halved` says whether sums of a step have two halves, see `sum_products`.
     """
@@ -208,9 +208,9 @@ class Transitions:
     ) -> None:
         """Store the matrix that does `count` steps at once, from z = (x, 1, inputs of all steps).
 
-        Its product with z is x after the steps, then the channels after each step. All steps have the
-        first exponential of the table. Each column is the response to a unit vector of z. Channels
-        are `rows` times (x, 1).
+        Its product with z is x after the steps, then the channels after each step. All steps have
+        the first exponential of the table. Each column is the response to a unit vector of z.
+        Channels are `rows` times (x, 1).
         """
         b, kind, x, n = self.b, self.kind, self.layout.n_states, self.layout.size
         columns, unity = x + 1 + count * (n - x - 1), Vector(b, vector(1.0))
