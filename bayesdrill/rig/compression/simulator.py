@@ -186,7 +186,7 @@ class CompressedSimulator(Simulator):
     def beyond(self, sums: Array, errors: Array) -> Flags:
         """Return for which walkers `(W,)` the errors of sums `(W, K, sums)` may be too large.
 
-        A sum's limit is its `tolerance` plus `TOLERANCE` times its distance from the reference's sum.
+        A sum's limit is its `tolerance` + `TOLERANCE` * distance from the reference's sum.
         """
         projected = self.compression.record.projected
         least = (projected[..., :-1] ** 2).sum(axis=-1) + projected[..., -1]

@@ -89,7 +89,7 @@ class CodeCache:
         supported = hasattr(os, "geteuid") and os.open in os.supports_dir_fd
         if self.folder is None or not supported:
             raise FileNotFoundError(
-                f"machine code is not kept: {CACHE_VARIABLE}={CACHE_OFF}, or owners cannot be checked"
+                f"code is not kept: {CACHE_VARIABLE}={CACHE_OFF}, or owners cannot be checked"
             )
         if create:
             self.folder.parent.mkdir(parents=True, exist_ok=True)

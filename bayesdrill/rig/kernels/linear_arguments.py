@@ -22,7 +22,7 @@ BLOCKS = {
     "spans": NUMBERS,  # span of each node
     "chained": WHOLE,  # 1 if a node's span is that of the node before, plus the width
     "node": WHOLE,  # (N,) node of the step from each knot
-    "share": NUMBERS,  # (N,) excess of that step over its node's span, in widths; -1 if there is none
+    "share": NUMBERS,  # (N,) excess of that step over its node's span, in widths; -1 for none
     "t": NUMBERS,  # (N + 1,) times of knots; the last is infinite
     "u": NUMBERS,  # (N, S or 2 S): sampled inputs and, with a first-order hold, their slopes
     "y": NUMBERS,  # (T, K)

@@ -8,8 +8,8 @@ exceeds the friction at rest, so that slip begins.
 Events are not located in time: no root is sought, and no step ends at an event.  A step with an
 event is divided into parts, and in each part a constant mean effort replaces the friction's effort:
 
-- a zero crossing: the mean of the efforts before and after the crossing, weighted by their durations if
-  the speed falls along a straight line;
+- a zero crossing: the mean of the efforts before and after the crossing, weighted by their durations
+  if the speed falls along a straight line;
 - slip to stick: the effort that brings the speed to zero at the end of the part;
 - stick to slip: the mean of the required effort until it reaches the friction at rest, and of the
   sliding friction after that. The required effort is approximated by two straight lines in time.
@@ -230,7 +230,7 @@ class ReversalStep:
         slips = above(last, held).either(above(mean, held))
 
         def slipping() -> list[Number]:
-            # The required effort is two straight lines in time: first to middle, and middle to last.
+            # The required effort is two straight lines in time: first to middle, then to last.
             middle = (mean * 6.0 - first - last) * 0.25
             halves = [_beyond(*ends, held) for ends in ((first, middle), (middle, last))]
             share = (halves[0][0] + halves[1][0]) * 0.5

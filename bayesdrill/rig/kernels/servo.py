@@ -53,7 +53,7 @@ class ServoLoop:
     def mean_beyond(self, begin: Number, end: Number, closed: Mask, level: Number | None) -> Number:
         """Return the mean of `beyond_matrix` over a step.
 
-        The wanted voltage goes from `begin` to `end`, and may leave the range of the loop on the way.
+        The wanted voltage goes from `begin` to `end`, and may leave the loop's range on the way.
         """
         first = self.beyond_matrix(begin, closed)
         missing = self.beyond_matrix(end, closed) - first

@@ -231,7 +231,7 @@ def _correct_start(
 
         b' (1 + P G) (1 + P0 G)^-1 (P - P0) b        det(1 + P0 G) / det(1 + P G)
 
-    With P the residuals would be independent.  `b (n,)` is the score of the start from all residuals.
+    With P the residuals would be independent.  `b (n,)` is their score of the start.
     """
     b, p, g = m.b, at["p"], at["g"]
     settled, known, lu = (m.room(n * n) for _ in range(3))

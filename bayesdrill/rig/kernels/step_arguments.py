@@ -100,7 +100,7 @@ class SteppedShape:
             described += [index(gravity.angle), index(gravity.speed), gravity.torque(named, at)]
         if (servo := self.model.saturation) is not None:
             opened = self.model.parameters.index(servo.duty)
-            # Each law is evaluated at an arbitrary number, so that different laws give different texts.
+            # Laws are evaluated at arbitrary numbers, so that different laws give different texts.
             x, y = named[servo.row], named[servo.goal if servo.usual_supply else servo.supply]
             described += [index(servo.row), opened, servo.voltage(named, x)]
             described.append(where(servo.is_linear(named, x), x, 0.0))

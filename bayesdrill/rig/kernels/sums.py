@@ -193,7 +193,7 @@ class _Intervals(ResidualSums):
         def moved() -> Values:
             return self._moved(b, others, near, middle, half)
 
-        # Where zero is far inside the interval, the probability is one, and the product stays the same.
+        # Where zero is far inside the interval, the probability is one and changes no product.
         far = b.anywhere(b.fcmp_unordered(">", near, vector(MAX_INSIDE_SDS)))
         return [squares, *b.replace_if(far, others, moved)]
 
