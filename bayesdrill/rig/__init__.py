@@ -1,8 +1,8 @@
 """Compute how a rig moves: models of rigs, compiled kernels, and simulators.
 
-`models/` has the equations of motion, `kernels/` the machine code, and `simulators/` the response
-of the channels at given parameters. `compression/` reduces a long record to a few hundred numbers.
-Priors, noise and densities are in `inference`.
+`models/` has the equations of motion, `kernels/` writes machine code, and `simulators/` computes
+the response of the channels at given parameters. `compression/` reduces a long record to a few
+hundred numbers. Priors, noise and densities are in `inference`.
 """
 
 from __future__ import annotations

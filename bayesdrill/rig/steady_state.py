@@ -11,8 +11,8 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual
 from bayesdrill.rig.models.linear import Model
 
-INVARIANCE_TOLERANCE = 1e-12
-MIN_SHARE = 1e-9  # relative to the largest turn: below it the first angle stands still
+INVARIANCE_TOLERANCE = 1e-12  # of a sum, relative to the sum of absolute values
+MIN_SHARE = 1e-9  # smallest turn of the first angle, relative to the largest turn
 
 
 def angle_indices(model: Model) -> list[int]:
@@ -21,16 +21,16 @@ def angle_indices(model: Model) -> list[int]:
 
 
 def rotates_freely(matrix: Array, angles: Sequence[int]) -> bool:
-    """Return whether shifting all angles alike changes nothing, in all of `matrix (n, X, X)`."""
+    """Return whether equal shifts of all angles change no rate, for any of `matrix (n, X, X)`."""
     columns = matrix[np.isfinite(matrix).all(axis=(1, 2))][:, :, list(angles)]
     invariant = np.abs(columns.sum(axis=-1)) <= INVARIANCE_TOLERANCE * np.abs(columns).sum(axis=-1)
     return bool(invariant.all())
 
 
 def free_turn(matrix: Array, angles: Sequence[int]) -> Array | None:
-    """Return how far each angle turns with the first one in free rotation; None if it is resisted.
+    """Return each angle's turn in free rotation, relative to the first; None if rotation is resisted.
 
-    Gears within a drive train make these numbers other than one.
+    Gears within a drive train make these ratios differ from one.
     """
     alike = np.ones(len(angles))
     if rotates_freely(matrix, angles):
@@ -63,7 +63,7 @@ def equilibrium(matrix: Array, forcing: Array) -> Array:
     matrix[bad] = np.eye(size)
     rows = np.abs(matrix).max(axis=2, keepdims=True)
     scaled = matrix / np.where(rows > 0, rows, 1.0)
-    # No singular value exceeds `size`. So if their product is above this limit, the least of them is
+    # No singular value exceeds `size`. So if their product is above this limit, the smallest is
     # above the tolerance of `matrix_rank`, and the matrix is regular.
     doubtful = np.abs(np.linalg.det(scaled)) <= float(size) ** (size + 1) * np.finfo(float).eps
     singular = doubtful.copy()

@@ -1,9 +1,9 @@
-"""Choose rational functions for the response of rigs near a reference, and project a record.
+"""Choose rational functions for the response of rigs near a reference, and project a record on them.
 
-See `basis_kernel` for the functions. Poles are chosen for the rigs at given points. The
-responses of the functions are the columns of a matrix B = Q R, and r are the residuals of the
-reference. Block by block, the record is reduced to the triangle R and to Q' r, whose size does not
-depend on the length of the record.
+See `basis_kernel` for the functions. Their poles are chosen for the rigs at given points. The
+functions' filters, applied to the inputs, give the columns of a matrix B = Q R. With the residuals
+r of the reference, the record is reduced, block by block, to the triangle R and to Q' r. Their
+sizes do not depend on the length of the record.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.rig.compression.basis_kernel import PAIR, REAL, ROUNDS, ROWS, PoleNumbers
 
 BLOCK = 1 << 14  # samples that are filtered at a time
-ROWS_AT_ONCE = 16  # rows per column that one QR decomposition adds, so that they fit into the cache
-MAX_ORDER = 30  # functions of a pole: with more of them the exact response costs less
-MAX_SHARED = 1e-9  # largest effect of an integrator on a rate, over the largest of any state
-NEARLY_ONE = 0.3  # relative distance of real modes: nearer ones are treated as a pair
+ROWS_AT_ONCE = 16  # rows added by a QR decomposition, divided by columns; they fit into the cache
+MAX_ORDER = 30  # largest order of a pole; with more functions the exact response costs less
+MAX_SHARED = 1e-9  # largest effect of an integrator on rates, relative to that of other states
+NEARLY_ONE = 0.3  # relative distance of real modes below which they are treated as a pair
 LEAST_TURN = 0.25  # least rotation or shear of a pair, relative to its decay or distance from -1
 UNKNOWN = "the poles of the rig are too uncertain"
 
@@ -34,7 +34,7 @@ class CompressionError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Pole:
-    """The pole is 1 + `mu`, or a complex pair; each round has `order` functions of it."""
+    """The pole is 1 + `mu`, or a complex pair; a round has `order` * `size` functions of it."""
 
     mu: complex
     order: int
@@ -52,10 +52,10 @@ class Pole:
 
 @dataclass(frozen=True, slots=True)
 class Basis:
-    """The basis has functions, and coordinates that nearly diagonalise rigs near the reference.
+    """The basis has poles of functions, and coordinates in which rigs are nearly diagonal.
 
-    The columns of `vectors (X, X)` are integrators, then modes of the reference; a pair has two
-    adjacent columns. `duals` is the inverse of `vectors`.
+    The columns of `vectors (X, X)` are the directions of `integrators`, then modes of the
+    reference; a pair has two adjacent columns. `duals` is the inverse of `vectors`.
     """
 
     poles: tuple[Pole, ...]
@@ -66,8 +66,8 @@ class Basis:
     def frame(self, sizes: Sequence[float], first: Array) -> Array:
         """Return the block `frame` of the kernels.
 
-        `sizes` are the norms over time of all sources that drive the rig. `first` has the first
-        value of each measured input.
+        `sizes` are the norms, over all samples, of the sources that drive the rig. `first` has the
+        first value of each measured input.
         """
         poles = [number for pole in self.poles for number in pole.numbers.all]
         parts = [self.vectors.ravel(), self.duals.ravel(), sizes, first, poles]
@@ -77,8 +77,8 @@ class Basis:
 def choose_basis(rates: Array, dt: float, left: float) -> Basis:
     """Choose functions for n rigs with the state matrices `rates`; the first is the reference.
 
-    `rates` is `(n, X, X)`. `left` is the share of a mode's response that may be neglected. Raises
-    `CompressionError` if a rig has modes that do not decay, or if poles are too far apart.
+    `rates` is `(n, X, X)`. `left` is the fraction of a mode's response that may be neglected.
+    Raises `CompressionError` if a rig has modes that do not decay, or if poles are too far apart.
     """
     from scipy.linalg import expm  # slow to import, and rarely needed
 
@@ -94,7 +94,7 @@ def basis_of(falls: Array, shared: Array, left: float) -> Basis:
     vectors, modes = _modes(falls[0], shared)
     duals = np.linalg.inv(vectors)
     if not np.isfinite(duals).all():
-        raise CompressionError("two of its poles are one")
+        raise CompressionError("two poles of the rig coincide")
     d = shared.shape[1]
     inner = (duals @ falls @ vectors)[:, d:, d:]
     values: Any = np.linalg.eigvals(inner)
@@ -104,7 +104,7 @@ def basis_of(falls: Array, shared: Array, left: float) -> Basis:
 
 
 def _shared_integrators(rates: Array) -> Array:
-    """Return the directions `(X, d)` of the state space that change no rate of any rig."""
+    """Return the directions `(X, d)` of the state space along which no rate of any rig changes."""
     rows = rates.reshape(-1, rates.shape[2])
     size = np.abs(rows).max(axis=1, keepdims=True)
     rows = rows[size[:, 0] > 0] / size[size[:, 0] > 0]
@@ -119,9 +119,9 @@ def _shared_integrators(rates: Array) -> Array:
 
 
 def _modes(fall: Array, shared: Array) -> tuple[Array, list[complex]]:
-    """Return vectors `(X, X)` of integrators, then of modes from fast to slow, and modal values.
+    """Return vectors `(X, X)` of integrators, then of modes from fast to slow, and the modes' `mu`.
 
-    Two modes that are conjugate or nearly equal form a pair: any two vectors of their plane serve.
+    Two modes that are conjugate or nearly equal form a pair, with any two vectors of their plane.
     """
     values, vectors = np.linalg.eig(fall)
     order = np.argsort(-np.abs(values), kind="stable")[: len(fall) - shared.shape[1]]
@@ -144,7 +144,7 @@ def _modes(fall: Array, shared: Array) -> tuple[Array, list[complex]]:
 
 
 def _pair(fall: Array, both: Array) -> Array:
-    """Return vectors `(X, 2)` of a pair's plane, scaled so that it rotates or hardly shears."""
+    """Return vectors `(X, 2)` of a pair's plane, scaled so that `fall` is a rotation or small shear."""
     from scipy.linalg import schur
 
     plane = np.linalg.qr(both)[0]
@@ -156,7 +156,7 @@ def _pair(fall: Array, both: Array) -> Array:
 
 
 def _chosen(poles: list[complex], values: Array, left: float) -> Iterator[Pole]:
-    """Yield a pole for each mode of the reference, amid the rigs' poles that are nearest to it."""
+    """Yield a pole for each mode of the reference, in the middle of the rigs' poles nearest to it."""
     flat = values.ravel()
     nearest = np.argmin([_passed(mu, flat) for mu in poles], axis=0)
     for index, mu in enumerate(poles):
@@ -179,12 +179,12 @@ def _chosen(poles: list[complex], values: Array, left: float) -> Iterator[Pole]:
 
 
 def _least_turn(real: float) -> float:
-    """Return the least imaginary part of a pair with this real part."""
+    """Return the smallest imaginary part for a pair whose `mu` has this real part."""
     return LEAST_TURN * min(-real, 2.0 + real)
 
 
 def _passed(mu: complex, values: Array) -> Array:
-    """Return the share of each mode, given by its value, that a function of the pole neglects."""
+    """Return the fraction of each mode, given by its `mu`, that remains after a function of the pole."""
     numbers = PoleNumbers.of_pole(mu)
     over = np.polynomial.polynomial.polyval(values, numbers.over)
     first, second, third = numbers.along
@@ -192,7 +192,7 @@ def _passed(mu: complex, values: Array) -> Array:
 
 
 class Columns:
-    """The columns are the outputs of the functions' filters, block after block, for each source."""
+    """The columns are the outputs of the functions' filters for each source, computed by blocks."""
 
     def __init__(self, basis: Basis) -> None:
         self._basis = basis
@@ -212,7 +212,7 @@ class Columns:
         return np.array(columns).T
 
     def _filtered(self, stage: tuple[int, int], pole: Pole, u: Array) -> tuple[list[Array], Array]:
-        """Return the columns of one function, and the input of the next: `u` after the all-pass."""
+        """Return one or two columns, and the input of the next function: `u` after the all-pass."""
         numbers, real, turn = pole.numbers, pole.mu.real, pole.mu.imag
         (_, _, square), even, odd = numbers.over, numbers.even, numbers.odd
         if pole.size == REAL:
@@ -225,7 +225,7 @@ class Columns:
         return [first, second], square * u + even * first - odd * second
 
     def _delayed(self, stage: tuple[int, int], a: complex, u: Array) -> Any:
-        """Filter a signal by 1 / (z - a), beginning from the last state of the stage."""
+        """Filter a signal by 1 / (z - a), from the state of this stage after the previous block."""
         from scipy.signal import lfilter
 
         state = self._states.get(stage, np.zeros(1, dtype=type(a)))
@@ -235,11 +235,11 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class Triangle:
-    """The triangles give sums of squares of samples, of increments, and of both end samples.
+    """The triangles give sums of squares of residuals, of their increments, and of both end ones.
 
     `matrix (sums, K', n, n)` has a triangle for each of K' groups of channels that were observed at
     the same times. `projected (K, sums, n + 1)` has, for each channel, the projection of the
-    reference's residuals on the columns. Its last entry is the sum of squares of the rest.
+    reference's residuals on the columns. Its last entry is the sum of squares orthogonal to them.
     """
 
     matrix: Array
@@ -255,7 +255,7 @@ class _Rows:
     last: Array | None = None
 
     def add(self, rows: Array) -> None:
-        """Put further rows `(m, n)` into the triangles."""
+        """Add further rows `(m, n)` to the triangles."""
         self.parts[0] = _appended(self.parts[0], rows)
         if len(self.parts) > 1 and len(rows):
             before = rows[:0] if self.last is None else self.last
@@ -276,11 +276,11 @@ def _appended(part: Array, rows: Array) -> Array:
 def triangle(
     blocks: Iterable[tuple[Array, Array]], columns: int, sums: int, alike: Sequence[slice]
 ) -> Triangle:
-    """Put blocks of columns `(m, n)` and of the reference's residuals `(m, K)` into triangles.
+    """Reduce blocks of columns `(m, n)`, and of the reference's residuals `(m, K)`, to triangles.
 
     Missing samples are NaN. `columns` is n, and zeros pad triangles to a multiple of `ROWS`. `sums`
-    is 1 for samples alone, and 3 with increments and ends. `alike` are the groups of channels that
-    share a triangle.
+    is 1 for residuals alone, and 3 with increments and ends. `alike` are the groups of channels
+    that share a triangle.
     """
     parts = [_Rows([np.zeros((0, columns + k.stop - k.start))] * sums) for k in alike]
     for block, left in blocks:

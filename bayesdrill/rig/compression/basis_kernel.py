@@ -1,14 +1,14 @@
-"""Expand the response of a linear rig in orthonormal rational functions, with slopes.
+"""Expand the response of a linear rig in orthonormal rational functions, and differentiate it.
 
 The poles of the functions are near those of the rig (Takenaka 1925, Malmquist 1926; for complex
 pairs Kautz 1954).  For a pole a and any pole l of a rig
 
     1 / (z - l) = (1 - a^2) / ((z - a) (1 - a l)) + (1 - a z) / (z - a) (l - a) / (1 - a l) / (z - l)
 
-The last term is the same response once more, of an input that has passed an all-pass, and smaller
-by |l - a| / |1 - a l|.  In place of l - 1 stands the matrix F = Phi - 1 of a walker.  So no matrix
-is decomposed, and poles may coincide.  The remainder after the last function has a bound.  All is
-written in F, so that a high sampling rate costs no digits.
+The last term is again the response 1 / (z - l), to an input that has passed an all-pass.  It is
+smaller by the factor |l - a| / |1 - a l|.  The code has the matrix F = Phi - 1 of a walker in place
+of l - 1.  So it needs no eigenvalues, and poles may coincide.  The remainder after the last
+function has a bound.  Formulas use F and not Phi, which saves digits at a high sampling rate.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from bayesdrill.rig.kernels.numbers import (
     product,
 )
 
-REAL, PAIR = 1, 2  # coordinates, and functions, of a real pole and of a complex pair
+REAL, PAIR = 1, 2  # coordinates, and functions per order, of a real pole and of a complex pair
 ROWS = 4  # rows of the triangle that are multiplied at a time
-# Rounds through all poles: in the second one, rounding errors between poles are as small as the
-# remainder of the first.
+# Rounds through all poles. The second round expands the remainder of the first, and its rounding
+# errors are as small as this remainder.
 ROUNDS = 2
 
 
@@ -48,9 +48,9 @@ class BasisShape:
     """Kernels are specialised for this structure.
 
     `slopes` says that numbers have slopes. `poles` has the number of coordinates of each pole, in
-    the order of modal coordinates. The `integrators` before them are coordinates on which nothing
-    depends. `impulse` says that the start moves the rig. `channels` is K. `sums` of squares of each
-    channel are of residuals alone, or of increments and both ends too.
+    the order of modal coordinates. Before them are `integrators`, coordinates on which no rate
+    depends. `impulse` says that the rig moves because of its start. `channels` is K. `sums` is 1
+    for the squares of residuals of each channel, and 3 with those of increments and both ends.
     """
 
     layout: Layout
@@ -69,7 +69,7 @@ class BasisShape:
 
     @property
     def blocks(self) -> list[list[int]]:
-        """Return the coordinates of each pole, counted from the first that is no integrator."""
+        """Return the coordinates of each pole, counted from the first one after the integrators."""
         ends = zip(self.poles, itertools.accumulate(self.poles), strict=True)
         return [[*range(end - size, end)] for size, end in ends]
 
@@ -80,7 +80,7 @@ class BasisShape:
 
     @property
     def constant(self) -> bool:
-        """Return whether anything constant drives the rig, such as the first of interpolated inputs."""
+        """Return whether a constant drives the rig, such as the first value of an interpolated input."""
         if self.layout.first_order:
             return True
         column = self.layout.n_states
@@ -93,7 +93,7 @@ class BasisShape:
         return ["impulse"] * self.impulse + ["constant"] * self.constant + series
 
     def columns(self, orders: Iterable[int]) -> int:
-        """Count the functions of all sources, direct terms of a first-order hold, and offsets.
+        """Count the columns: functions of all sources, direct terms of a first-order hold, an offset.
 
         `orders` has the number of functions of each pole in a round.
         """
@@ -108,13 +108,13 @@ class BasisShape:
         return self.layout.n_parameters + self.layout.n_states + rows
 
     def scratch_size(self, columns: int, q: int = 0) -> int:
-        """Return the vectors of scratch memory."""
+        """Return how many vectors the scratch memory has."""
         jets, products = 2 if self.slopes else 1, (1 + q) * self.channels * self.sums * columns
         return self.coefficients_at + jets * self.channels * columns + products + ROWS
 
     @property
     def coefficients_at(self) -> int:
-        """Return the vectors before the coefficients: an exponential, and matrices of poles."""
+        """Return how many vectors precede the coefficients: an exponential, and matrices of poles."""
         jets = 2 if self.slopes else 1
         return (self.layout.size**2 + 3 * len(self.poles) * self.decaying**2) * jets
 
@@ -125,7 +125,7 @@ class PoleNumbers:
 
     With M = `over` . (1, F, F^2), a pair has functions with the coefficients `even` (2 + F) / M and
     - `odd` F / M; a real pole has `even` / M. The all-pass is `along[0]` + (`along[1]` + `along[2]`
-    F) / M. This form loses least to rounding beside modes of other speeds.
+    F) / M. This form has the smallest rounding errors if other modes are much faster or slower.
     """
 
     over: tuple[float, float, float]
@@ -149,7 +149,7 @@ class PoleNumbers:
 
     @property
     def all(self) -> list[float]:
-        """Return all `COUNT` numbers in a row."""
+        """Return all `COUNT` numbers in one list."""
         return [*self.over, self.even, self.odd, *self.along]
 
 
@@ -159,9 +159,9 @@ COUNT = 8  # numbers of a pole
 class ModalFrame:
     """The frame has numbers that all walkers share: coordinates, sizes, first inputs, poles.
 
-    `vectors (X, X)` and their inverse `duals` are the modal coordinates. `sizes` are norms of the
-    sources over all samples. `first (S,)` is the value from which an interpolated series is
-    counted. `poles` has the `PoleNumbers` of each pole.
+    `vectors (X, X)` and their inverse `duals` define the modal coordinates. `sizes` are norms of
+    the sources over all samples. `first (S,)` is subtracted from interpolated input series. `poles`
+    has the `PoleNumbers` of each pole.
     """
 
     def __init__(self, b: Builder, shape: BasisShape, block: ir.Value) -> None:
@@ -191,7 +191,7 @@ class ExponentialEntries:
 
 
 class BasisExpansion:
-    """A writer emits the code that expands the response of walkers, with slopes if wanted."""
+    """A writer emits the code that expands the response of walkers, with derivatives if wanted."""
 
     def __init__(self, b: Builder, shape: BasisShape, arguments: dict[str, ir.Value]) -> None:
         self.b, self.shape, self.a = b, shape, arguments
@@ -206,7 +206,7 @@ class BasisExpansion:
         self.coefficients = self._room(self.count)
 
     def _room(self, count: Integer) -> Blocks:
-        """Take scratch for numbers."""
+        """Take scratch memory for `count` numbers."""
         bases = []
         for _ in range(self._kind.width):
             bases.append(self.after)
@@ -214,7 +214,7 @@ class BasisExpansion:
         return Blocks(self.b, tuple(bases))
 
     def run(self, start: list[Number], rows: Matrix) -> list[ir.Value]:
-        """Store the coefficients; return bounds `(K,)` of the truncation, as norms over all samples.
+        """Store the coefficients; return bounds `(K,)` of the truncation error's norm over all samples.
 
         `start (X,)` is the initial state. `rows (K, X + 1)` are weights of states, then offsets.
         """
@@ -231,7 +231,7 @@ class BasisExpansion:
         return [error.value for error in self.errors]
 
     def begin(self, rates: Matrix, rows: Matrix) -> None:
-        """Begin with walkers of the rates F `(X, X)`, and rows `(K, X)` of channels over states."""
+        """Prepare walkers with the matrix F `(X, X)`, and rows `(K, X)` of channels over states."""
         x, d = self.shape.layout.n_states, self.shape.integrators
         for base in self.coefficients.bases:
             self.b.clear(base, self.count)
@@ -352,16 +352,16 @@ def applied(matrix: Matrix, x: list[Number]) -> list[Number]:
     return [dot(row, x) for row in matrix]
 
 
-TURNS = 3  # rotations of coordinates towards a walker's own modes
-LEAST = -1e-300  # a tolerance for entries that should not be negative
+TURNS = 3  # number of turns of coordinates towards a walker's own modes
+LEAST = -1e-300  # lower limit of entries that should not be negative
 
 
 class _RemainderBound:
-    """The bound is on the walker's own response to the remainder of the series as its input.
+    """The bound is that of a walker's response to an input that is the remainder of the series.
 
-    For blocks of modal coordinates, |(z - T)^-1| <= 1 / (1 - |T|) on the unit circle. The coupling
-    between blocks, at most Q, is summed to (1 - Q)^-1, which is a bound only if it has no negative
-    entry. Coordinates are first turned towards the walker's own modes, so that Q is small.
+    For a diagonal block T of modal coordinates, |(z - T)^-1| <= 1 / (1 - |T|) on the unit circle.
+    The coupling between blocks is at most Q. It adds up to (1 - Q)^-1, which is a bound only if it
+    has no negative entry. Coordinates are first turned towards the walker's modes to make Q small.
     """
 
     def __init__(
@@ -386,14 +386,14 @@ class _RemainderBound:
         for entry in itertools.chain(gains[1:], *series):
             fine = fine.both(entry.above(LEAST))
         gains = [fine.chosen(gain, math.inf) for gain in gains]
-        # The share of each block's remainder in each channel.
+        # The bound of each channel for a unit remainder in each block.
         self._shares = [
             [gain * number for gain, number in zip(gains, row, strict=True)]
             for row in product([self._lengths(row) for row in seen], series)
         ]
 
     def _turn(self, values: Matrix) -> Matrix:
-        """Return coordinates with little coupling between blocks; any choice is valid."""
+        """Return coordinates with little coupling between blocks; any choice gives a valid bound."""
         turn = plus([[self._zero] * len(values) for _ in values], self._one)
         for block, other in itertools.permutations(self._blocks, 2):
             pairs = ((block, block), (block, other), (other, other), (other, block))
@@ -430,10 +430,10 @@ def _apart(mine: Matrix, shared: Matrix, other: Matrix, back: Matrix) -> Matrix:
 
     `back` is the coupling in the other direction.
 
-    By p(A) = 0, with p the characteristic polynomial of A, X p(B) = A C + C B - tr(A) C if A is two
-    by two.
+    If A is 2 x 2 with the characteristic polynomial p, then p(A) = 0 gives
+    X p(B) = A C + C B - tr(A) C.
     """
-    if len(mine) == 1 and len(other) == 1:  # coordinates of poles that nearly coincide are kept
+    if len(mine) == 1 and len(other) == 1:  # X stays small if poles nearly coincide
         gap, pair = other[0][0] - mine[0][0], (shared[0][0] * back[0][0]).size()
         return [[shared[0][0] * gap / (gap * gap + 4.0 * pair)]]
     if len(mine) == 1:

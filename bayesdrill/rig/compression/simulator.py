@@ -1,8 +1,8 @@
-"""Simulate a linear rig by the triangle of its record, in a time that does not depend on its length.
+"""Simulate a linear rig by the triangle of a record, in a time independent of the record's length.
 
-The class is the second implementation of a simulator. Sums of squares and their normal equations
-come from the record's triangle (`basis`) for each walker whose truncation bound is small enough.
-Other walkers, and all other results, come from the exact simulator.
+`CompressedSimulator` is the second implementation of a simulator. Sums of squares and their normal
+equations come from the record's triangle (`basis`) for each walker whose truncation bound is small
+enough. Results for other walkers, and all other results, come from the exact simulator.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ from bayesdrill.rig.simulators.long_record import LongRecord
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 
 TOLERANCE = 1e-7  # admissible error of the log likelihood
-MAX_BEYOND = 0.02  # share of points whose bound may be too large; they use the exact simulator
+MAX_BEYOND = 0.02  # fraction of points whose bound may be too large: the exact simulator serves
 LEAST = 1e-300  # smallest weight of a sum, to avoid division by zero
-# Digits of a mode's response that functions keep; the fewest are tried first.
+# Numbers of digits of a mode's response that functions represent, tried in this order.
 RESPONSE_DIGITS = range(12, 26, 2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Compression:
-    """The record is projected on functions, and is small whatever its length.
+    """The compression has a record's projection on functions, which is small for any record length.
 
-    `shape`, `orders` and `frame` are the kernels' description of the functions. `reference (n, K)`
-    are the coefficients of the reference, from which all others are differences. `numbers` are the
-    constants of the record. `tolerance (K, sums)` is the admissible error of sums of squares.
+    `shape`, `orders` and `frame` describe the functions to kernels. `reference (n, K)` are the
+    coefficients of the reference, which are subtracted from those of walkers. `numbers` are step
+    and constant inputs. `tolerance (K, sums)` is the admissible error of sums of squares.
     """
 
     shape: BasisShape
@@ -68,9 +68,9 @@ class Compression:
     def of_nothing(
         cls, basis: Basis, record: LongRecord, sizes: Array, tolerance: Array, **settings: Any
     ) -> Compression:
-        """Return the compression of a zero record, with a reference that does not move.
+        """Return the compression of a record without samples, whose reference does not move.
 
-        `sizes` are norms of series. `settings` are further fields of the shape.
+        `sizes` are norms of input series. `settings` are further fields of the shape.
         """
         poles = tuple(pole.size for pole in basis.poles)
         shape = BasisShape(poles=poles, integrators=basis.integrators, **settings)
@@ -97,14 +97,14 @@ class Compression:
         }  # fmt: skip
 
     def applied(self, simulator: Simulator) -> CompressedSimulator:
-        """Return a simulator with this compression, which replaces any other."""
+        """Return a simulator with this compression in place of any that `simulator` has."""
         whole = simulator.by_samples
         return CompressedSimulator(whole.model, whole.experiment, whole.sensing, whole, self)
 
 
 @dataclass(frozen=True, eq=False)
 class CompressedSimulator(Simulator):
-    """The simulator uses the record's triangle, or the `whole` simulator if that is not enough."""
+    """The simulator uses the record's triangle, or the `whole` simulator if errors may be too large."""
 
     model: Model
     experiment: Experiment
@@ -146,7 +146,7 @@ class CompressedSimulator(Simulator):
         return self._mended(full) if self._shape.sums > 1 else self.whole.neighbours(full)
 
     def expanded(self, full: Array) -> tuple[Array, Array]:
-        """Return sums `(W, K, sums)` by the triangles, and bounds of their errors."""
+        """Return sums `(W, K, sums)` from the triangles, and bounds of their errors."""
         return self._with_bounds(self._run({"walkers": self._walkers(full)})[0])
 
     def _with_bounds(self, numbers: Array) -> tuple[Array, Array]:
@@ -186,7 +186,7 @@ class CompressedSimulator(Simulator):
     def beyond(self, sums: Array, errors: Array) -> Flags:
         """Return for which walkers `(W,)` the errors of sums `(W, K, sums)` may be too large.
 
-        The limit is `TOLERANCE` of the log likelihood, or of its distance below the reference's.
+        A sum's limit is its `tolerance` + `TOLERANCE` * distance from the reference's sum.
         """
         projected = self.compression.record.projected
         least = (projected[..., :-1] ** 2).sum(axis=-1) + projected[..., -1]
@@ -249,7 +249,7 @@ class CompressedSimulator(Simulator):
 
 
 def even_record(simulator: Simulator) -> LongRecord:
-    """Return the record of a linear rig that has one step, and no channel that is late."""
+    """Return the record of a linear rig whose steps are equal and whose channels are not late."""
     grid = simulator.sensors.grid
     count = len(grid.t) - 1
     at = grid.at if len(grid.at) < count else None
@@ -259,8 +259,8 @@ def even_record(simulator: Simulator) -> LongRecord:
 def compress(simulator: Simulator, points: Array, variances: Array, weights: Array) -> Compression:
     """Compress a record for rigs near `points (n, P)`; the first is the reference.
 
-    `variances (K,)` are of the noise. `weights (K, sums)` are those of sums of squares in minus
-    twice the log likelihood, which may be wrong by `TOLERANCE`; see `Noise.square_weights`.
+    `variances (K,)` are those of the noise. `weights (K, sums)` are those of sums of squares in
+    -2 log likelihood, see `Noise.square_weights`. The log likelihood may be wrong by `TOLERANCE`.
 
     Raises `CompressionError` if `exact_reason` gives a reason, if modes do not decay, or if poles
     are too far apart.
@@ -281,7 +281,7 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
             basis, record, sizes, tolerance, layout=record.layout, channels=k_count,
             impulse=sensors.sensing.moves(sensors.experiment.start, angles=()), sums=sums,
         )  # fmt: skip
-        # The residuals of the reference are noise.
+        # The residuals of the reference are taken as noise.
         nothing.record.projected[..., -1] = variances[:, None] * usual
         made = nothing.applied(simulator)
         if np.mean(made.exceeds_bound(points)) <= MAX_BEYOND:
@@ -304,7 +304,7 @@ def column_blocks(
     """
     still = np.array([[0.0] * shape.impulse + [1.0] * shape.constant])
     driven, direct = Columns(basis), shape.layout.first_order
-    if shape.impulse:  # a sample before the first
+    if shape.impulse:  # acts one sample before the first
         driven.block(np.eye(1, len(shape.sources)))
     for inputs, residuals in left:
         for first in range(0, len(inputs), BLOCK):

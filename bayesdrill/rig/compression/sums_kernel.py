@@ -22,13 +22,13 @@ BLOCKS = (
     | dict.fromkeys(("walkers", "scratch", "directions", "weights", "out"), VECTORS)
     | {"orders": WHOLE}
 )
-ENDS = 2  # index of the sum with two rows only: those of the first and the last sample
+ENDS = 2  # index of the sum that has only two rows: the first and the last sample
 
 
 def _projections(
     expansion: BasisExpansion, coefficients: ir.Value
 ) -> Iterator[tuple[int, ir.Value, list[ir.Value]]]:
-    """Yield the products `(s, row, products)` of blocks of rows of R and the coefficients."""
+    """Yield `(s, row, products)`: for sum s, `ROWS` rows of R from `row` on times the coefficients."""
     b, a, k_count = expansion.b, expansion.a, expansion.shape.channels
     for s, (k, v) in enumerate(np.ndindex(k_count, expansion.shape.sums)):
         triangle = b.offset(a["triangles"], k, a["channel"])
@@ -46,17 +46,17 @@ def _projections(
 
 
 def write_sums(module: Module, shape: BasisShape) -> None:
-    """Write `sums(G, n, triangle, ..., q, ...)`, whose arguments are `COUNTS` and `BLOCKS`.
+    """Write the kernel `sums`, whose arguments are `COUNTS` and the addresses of `BLOCKS`.
 
-    Walkers in G groups `(G, P + X + K (X + 1), LANES)` have parameters, start and rows of channels.
-    The `n` columns are a multiple of `ROWS`.  `channel` is the distance from the triangle `(n, n)` of a
-    channel to that of the next, zero if all have the same, and `sum` that to the next sum.  `numbers`
-    are step and constant inputs.  `projected (K, sums, n + 1)` has projections of the reference's
-    residuals, and the square of the rest.  `out (G, K sums + K, LANES)` has sums and truncation bounds.
+    `walkers (G, P + X + K (X + 1), LANES)` are parameters, start and channel rows of G groups.
+    `columns` is n, a multiple of `ROWS`.  `channel` is the distance between the triangles `(n, n)`
+    of two channels, zero if they share one, and `sum` is that between two sums.  `numbers` are step
+    and constant inputs.  `projected (K, sums, n + 1)` has the reference's projected residuals, and
+    the rest's sum of squares.  `out (G, K sums + K, LANES)` has sums and truncation bounds.
 
-    With slopes, `directions (G, q, P + ..., LANES)` are slopes of the walkers' numbers in q directions,
-    and `weights (G, K sums, LANES)` those of the sums.  `out (G, K sums + K + q + q q, LANES)` then ends
-    with weighted slopes, and the lower triangle of weighted products.
+    With slopes, `directions (G, q, P + ..., LANES)` are slopes of the walkers' numbers in q
+    directions, and `weights (G, K sums, LANES)` are weights of the sums.  The results of
+    `_store_products` are at the end of `out (G, K sums + K + q + q q, LANES)`.
     """
     with kernel(module, "sums", COUNTS, BLOCKS) as (a, b):
         q, columns, n_sums = a["q"], a["columns"], shape.channels * shape.sums
@@ -87,7 +87,7 @@ def write_sums(module: Module, shape: BasisShape) -> None:
 
 
 def _expand(expansion: BasisExpansion, bases: tuple[ir.Value, ...]) -> list[ir.Value]:
-    """Store the coefficients of walkers; return bounds `(K,)`; `bases` are of numbers and slopes."""
+    """Store the coefficients of walkers at `bases` (numbers, slopes); return bounds `(K,)`."""
     b, shape, layout = expansion.b, expansion.shape, expansion.shape.layout
     numbers = map(Blocks(b, bases).get, range(layout.n_parameters, shape.walker_size))
     start = [*islice(numbers, layout.n_states)]
@@ -100,7 +100,7 @@ def _expand(expansion: BasisExpansion, bases: tuple[ir.Value, ...]) -> list[ir.V
 
 
 def store_squares(expansion: BasisExpansion, out: ir.Value, residuals: ir.Value | None) -> None:
-    """Store all sums, and `residuals (K sums, n)` along the functions if wanted.
+    """Store all sums and, if not None, the projected `residuals (K sums, n)`.
 
     The coefficients of the reference are subtracted from those of the walkers.
     """
@@ -131,9 +131,9 @@ def _store_products(
     residuals: ir.Value,
     out: ir.Value,
 ) -> None:
-    """Store products `(q,)` of slopes with residuals, and `(q, q)` with those up to each.
+    """Store products `(q,)` of slopes and residuals, and the triangle `(q, q)` of products of slopes.
 
-    Rows are `(K sums, n)`, and each sum has its weight of `weights (K sums,)`.
+    Slopes and residuals are `(K sums, n)`, and each sum has a weight in `weights (K sums,)`.
     """
     b, shape, q, columns = expansion.b, expansion.shape, expansion.a["q"], expansion.a["columns"]
     length = b.mul(columns, shape.channels * shape.sums)

@@ -1,8 +1,8 @@
-"""Keep the machine code of kernels between processes, in a folder that belongs to its user alone.
+"""Keep the machine code of kernels between processes, in a folder to which only the user has access.
 
 The files are executed. So a folder or a file is not used if other users own it, or may read or
-write it. Nothing that is wrong with the folder or a file is ever an error: kernels are compiled
-again instead.
+write it. If machine code cannot be loaded or stored, that is no error: the kernel is compiled
+again.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ from typing import IO
 
 CACHE_VARIABLE = "BAYESDRILL_CACHE"  # environment variable that names another folder, or ...
 CACHE_OFF = "off"  # ... switches the cache off, as `0` does
-MAX_FILES, MAX_BYTES = 4000, 256 * 1024**2
+MAX_FILES, MAX_BYTES = 4000, 256 * 1024**2  # upper limits of the whole cache
 _DIGEST_BYTES = hashlib.sha256().digest_size
-# Names of the cache's files; others are never touched.
+# Names of the cache's files; files with other names are never touched.
 _NAMES = re.compile(r"[0-9a-f]{64}(\.[0-9a-f]+\.tmp)?")
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class CodeCache:
-    """The cache has one file in `folder` for the code of each key; without a folder it is empty."""
+    """The cache has one file in `folder` for the code of each key; without a folder it stays empty."""
 
     folder: Path | None
     max_files: int = MAX_FILES
     max_bytes: int = MAX_BYTES
 
     def load(self, key: str) -> bytes | None:
-        """Return the code stored under `key`; None if no file of this user has it undamaged."""
+        """Return the code stored under `key`; None if its file is missing, damaged or not private."""
         try:
             with self._opened() as folder, _owned_file(_name(key), folder) as file:
                 content = file.read()
-                with suppress(OSError):  # mark as used, so that others are removed first
+                with suppress(OSError):  # mark as used last: others are removed first
                     os.utime(file.fileno())
         except FileNotFoundError:
             return None
@@ -80,16 +80,16 @@ class CodeCache:
 
     @contextmanager
     def _opened(self, *, create: bool = False) -> Iterator[int]:
-        """Open the folder, and give its descriptor, which stays that of the folder that was checked.
+        """Open the folder; yield its descriptor, which refers to the checked folder even if it is moved.
 
-        Raises `FileNotFoundError` if there is none, and `PermissionError` if other users have
+        Raises `FileNotFoundError` if there is no folder, and `PermissionError` if other users have
         access to it.
         """
-        # The owner and the permissions of an opened folder can be checked only on such systems.
+        # Only systems with these functions can check owner and permissions of an opened folder.
         supported = hasattr(os, "geteuid") and os.open in os.supports_dir_fd
         if self.folder is None or not supported:
             raise FileNotFoundError(
-                f"machine code is not kept: {CACHE_VARIABLE}={CACHE_OFF}, or no such system"
+                f"code is not kept: {CACHE_VARIABLE}={CACHE_OFF}, or owners cannot be checked"
             )
         if create:
             self.folder.parent.mkdir(parents=True, exist_ok=True)
@@ -100,25 +100,25 @@ class CodeCache:
             status = os.fstat(folder)
             if status.st_uid != os.geteuid() or stat.S_IMODE(status.st_mode) & 0o777 != 0o700:
                 raise PermissionError(
-                    "it belongs to another user, or others may look into it (`chmod 700` bars them)"
+                    "it belongs to another user, or others have access to it (`chmod 700` removes that)"
                 )
             yield folder
         finally:
             os.close(folder)
 
     def _prune(self, folder: int) -> None:
-        """Remove the files that were used the longest ago, until the limits hold."""
+        """Remove the least recently used files until the limits hold."""
         files = sorted(_files(folder).items(), key=lambda item: -item[1].st_mtime_ns)
         total = 0
         for count, (name, status) in enumerate(files, start=1):
             total += status.st_size
             if count > self.max_files or total > self.max_bytes:
-                with suppress(FileNotFoundError):  # another process has removed it
+                with suppress(FileNotFoundError):  # another process may have removed the file
                     os.unlink(name, dir_fd=folder)
 
 
 def user_cache(environment: Mapping[str, str] = os.environ) -> CodeCache:
-    """Return the cache of this user, in the environment's folder or the system's folder for caches."""
+    """Return the user's cache, in the folder of the environment variable or else of the system."""
     named = environment.get(CACHE_VARIABLE, "")
     if named.lower() in (CACHE_OFF, "0"):
         return CodeCache(None)
@@ -136,19 +136,19 @@ def _name(key: str) -> str:
 
 
 def _digest(key: str, code: bytes) -> bytes:
-    """Return the digest of key and code, so that code under another key counts as damaged."""
+    """Return the digest of key and code; code that is stored under another key counts as damaged."""
     return hashlib.sha256(_name(key).encode() + code).digest()
 
 
 @contextmanager
 def _owned_file(name: str, folder: int) -> Iterator[IO[bytes]]:
-    """Open a file to which no other user has access; raises `OSError`."""
+    """Open a file of the cache; raises `OSError` if other users have access to it."""
     flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
     with open(os.open(name, flags, dir_fd=folder), "rb") as file:
         status = os.fstat(file.fileno())
         owned = stat.S_ISREG(status.st_mode) and status.st_uid == os.geteuid()
         if not owned or status.st_mode & 0o077 or status.st_size > MAX_BYTES:
-            raise PermissionError(f"{name} is not a file of its user alone")
+            raise PermissionError(f"{name} is too large, or not a private file of the user")
         yield file
 
 

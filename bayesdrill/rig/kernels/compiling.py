@@ -1,8 +1,9 @@
-"""Compile kernels for the present processor, once for each structure.
+"""Compile kernels for the processor of this computer, once for each structure.
 
-A kernel is written in LLVM's language. It is compiled only if its machine code is neither in memory
-nor in the cache of the user. Its key is a text of all that the code depends on: the structures for
-which it is specialised, the model's formulas as code, and all that writes and compiles it.
+A kernel is written in LLVM's intermediate language. It is compiled only if its machine code is
+neither in memory nor in the user's cache. The key of the code is a text of all that it depends on:
+the structures for which it is specialised, the model's formulas as code, the sources of kernels,
+the versions and settings of LLVM, and the processor.
 """
 
 from __future__ import annotations
@@ -28,27 +29,26 @@ from bayesdrill.basics import duals
 from bayesdrill.rig.kernels.cache import CodeCache, user_cache
 from bayesdrill.rig.kernels.lanes import LANES, Module
 
-# The passes of LLVM from which a kernel gains. It has no superfluous branches, calls no small
-# functions, and its loops are already over vectors. All other passes would double the time to
-# compile, and the code would run no faster.
+# The passes of LLVM that make kernels faster. All other passes would double the time to compile
+# without a gain: kernels have no superfluous branches or small functions, and are vectorised.
 PASSES = ("sroa", "instruction_combine", "simplify_cfg")
-# LLVM's optimisation level. The higher one takes a quarter more time to compile. It gains 2 to 3 % in
-# kernels of few loops that keep the processor's arithmetic busy, and nothing in the others.
+# LLVM's optimisation levels. The higher level takes a quarter more time to compile. It makes
+# kernels that consist of few loops, limited by arithmetic, 2 to 3 % faster, and no others.
 OPT_LEVEL, HIGH_OPT_LEVEL = 1, 2
-Argument = NDArray[Any] | int  # a block, or a count, or the address of a block
-PIECE = 4096  # numbers of a walker that are copied at once, so that groups stay in the cache
+Argument = NDArray[Any] | int  # a block, its address, or a count
+PIECE = 4096  # numbers per walker that are copied at once, so that they fit into the cache
 
 
 @dataclass(frozen=True, slots=True)
 class Kernel:
-    """The kernel has functions by name, the names of their `arguments`, and their machine code."""
+    """The kernel has functions and the names of their `arguments`; `engine` has the machine code."""
 
     functions: Mapping[str, Callable[..., None]]
     arguments: Mapping[str, Sequence[str]]
     engine: Any = field(repr=False)
 
     def bind(self, name: str, **given: Argument) -> BoundFunction:
-        """Return a function with the arguments that are the same in all calls; others are zero."""
+        """Return a function that has the `given` arguments in all calls; others are zero by default."""
         places = {argument: place for place, argument in enumerate(self.arguments[name])}
         values = [address(given.get(argument, 0)) for argument in places]
         return BoundFunction(self, self.functions[name], values, places, given)
@@ -56,13 +56,13 @@ class Kernel:
 
 @dataclass(frozen=True, slots=True)
 class BoundFunction:
-    """A function of a kernel has `values` of its arguments, at their `places`.
+    """A bound function has the `values` of a function's arguments; `places` are their positions.
 
-    Values are counts and addresses of blocks. To ask a block for its address takes as long as
-    simulating some samples, so it is done once for blocks that are the same in all calls.
+    Values are counts and addresses of blocks. Finding the address of a block takes as long as
+    simulating some samples. So it is done once for blocks that are the same in all calls.
     """
 
-    kernel: Kernel  # kept, as is its machine code
+    kernel: Kernel  # kept, so that its machine code stays in memory
     function: Callable[..., None]
     values: list[int]
     places: Mapping[str, int]
@@ -77,7 +77,7 @@ class BoundFunction:
         self.function(*values)
 
     def run(self, n: int, shape: tuple[int, ...], **given: Argument) -> NDArray[np.float64]:
-        """Return the results for n walkers, `(n, *shape)`, from the function's block `out`."""
+        """Call the function for n walkers; return the results `(n, *shape)` from its block `out`."""
         out = np.empty((-(-n // LANES), math.prod(shape), LANES))
         self(groups=len(out), out=out, **given)
         return rows_of_walkers(out, n).reshape(n, *shape)
@@ -87,14 +87,14 @@ def address(argument: Argument) -> int:
     """Return the address of a contiguous block; a count or an address is returned as it is."""
     if isinstance(argument, int):
         return argument
-    try:  # four times as fast as the attribute `ctypes`
+    try:  # four times as fast as `argument.ctypes.data`
         return ctypes.addressof(ctypes.c_char.from_buffer(argument))
-    except (TypeError, ValueError):  # of a block that is read-only or empty
+    except (TypeError, ValueError):  # the block is read-only or empty
         return argument.ctypes.data
 
 
 def rows_of_walkers(out: NDArray[np.float64], n: int) -> NDArray[np.float64]:
-    """Return `(n, M)` of n walkers in groups `(G, M, LANES)`; long rows are copied in pieces."""
+    """Return the rows `(n, M)` of n walkers from groups `(G, M, LANES)`, copied in pieces if long."""
     size = out.shape[1]
     if size <= PIECE:
         return out.transpose(0, 2, 1)[:, :n].reshape(-1, size)[:n]
@@ -109,8 +109,8 @@ def rows_of_walkers(out: NDArray[np.float64], n: int) -> NDArray[np.float64]:
 def compile_kernel(write: Callable[..., None], *structures: Any, effort: int = OPT_LEVEL) -> Kernel:
     """Return the kernel that `write(module, *structures)` writes, from the cache if it is there.
 
-    Structures are hashable. The `text` of a structure has all of it that the code depends on, and
-    is equal if the code is. Some structures are plain names.
+    Structures are hashable. The `text` of a structure contains what the code depends on and nothing
+    else, so that structures with equal texts share code. A structure may be a plain name.
     """
     texts = [
         structure if isinstance(structure, str) else structure.text for structure in structures
@@ -130,7 +130,7 @@ def compile_kernel(write: Callable[..., None], *structures: Any, effort: int = O
 
 
 def _toolchain(effort: int) -> list[str]:
-    """Return all that the code of a kernel depends on, apart from its structures."""
+    """Return all that the code of a kernel depends on, except its structures."""
     import llvmlite
     import llvmlite.binding as llvm
 
@@ -143,9 +143,9 @@ def _toolchain(effort: int) -> list[str]:
 
 @cache
 def _sources() -> str:
-    """Return the digest of all modules that write kernels, and of numbers with slopes.
+    """Return the digest of the sources of all modules that write kernels, and of `duals`.
 
-    It is empty if they cannot be read, as in a package that is not unpacked.
+    It is empty if the sources cannot be read, as in a zipped package.
     """
     digest = hashlib.sha256()
     try:
@@ -180,7 +180,7 @@ def machine_code(module: ir.Module, effort: int = OPT_LEVEL) -> bytes:
     import llvmlite.binding as llvm
 
     target = _target(effort)
-    # A context of its own, as constants stay in memory while it lives.
+    # A separate context, because constants stay in memory as long as their context.
     context = llvm.create_context()
     parsed = llvm.parse_assembly(str(module), context)
     parsed.verify()
@@ -195,8 +195,8 @@ def machine_code(module: ir.Module, effort: int = OPT_LEVEL) -> bytes:
 def link_code(code: bytes) -> Any:
     """Return the engine with the functions of an object file, ready to be called.
 
-    The engine has machine code alone. An LLVM module and a target that has compiled take ten times
-    as much memory, and would stay as long as the code.
+    The engine contains only machine code. The LLVM module and the target that compiled it take ten
+    times as much memory, and an engine made from them would keep them.
     """
     import llvmlite.binding as llvm
 
@@ -218,7 +218,7 @@ def _target(effort: int = OPT_LEVEL) -> Any:
 
 @contextmanager
 def _no_garbage_collection() -> Iterator[None]:
-    """Stop garbage collection: a module is many small objects, none of them garbage yet."""
+    """Stop garbage collection, which would search the many small objects of a module in vain."""
     looking = gc.isenabled()
     gc.disable()
     try:

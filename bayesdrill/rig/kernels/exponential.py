@@ -1,8 +1,8 @@
-"""Define the layout of a rig's matrix, and compute its exponential over a span of time.
+"""Define the layout of a rig's matrix M, and compute the exponential exp(M h) over a time span h.
 
-Kernels are specialised for the layout. Step, start, constant inputs and channel weights of an
-experiment are no part of it. They are arguments of kernels, so that experiments of one layout share
-code.
+Kernels are specialised for the layout. It does not contain an experiment's step, start, constant
+inputs and channel weights. These are arguments of kernels, so that experiments with the same layout
+share code.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from bayesdrill.rig.models.linear import Model
 
 Entries = Callable[[Sequence[Any]], Sequence[tuple[int, int, Any]]]
 Pattern = tuple[tuple[bool, ...], ...]
-Registers = dict[tuple[int, int], ir.Value]  # entries by place
+Registers = dict[tuple[int, int], ir.Value]  # entries by (row, column)
 MOST_WRITTEN_OUT = 10  # largest number of states whose products are unrolled
 
 
@@ -51,9 +51,9 @@ MOST_WRITTEN_OUT = 10  # largest number of states whose products are unrolled
 class Layout:
     """The layout describes the augmented N x N matrix of a rig, for which kernels are specialised.
 
-    `entries(numbers)` returns its (row, column, value), for the rig's `n_parameters` followed by
-    the `n_constants` constant inputs. Entries at one place are added. The columns are X states, one
-    constant input, `n_series` sampled inputs and, with a first-order hold, their increments.
+    `entries(numbers)` returns (row, column, value) of the entries; values at one place are added.
+    The numbers are `n_parameters` parameters, then `n_constants` constant inputs. The columns are X
+    states, the constant 1, `n_series` sampled inputs and, for a first-order hold, slopes.
     """
 
     n_parameters: int
@@ -95,12 +95,12 @@ class Layout:
 
     @property
     def large(self) -> bool:
-        """Return whether products are compiled as loops, because unrolled they compile for minutes."""
+        """Return whether matrix products are loops, because unrolled code would compile for minutes."""
         return self.n_states > MOST_WRITTEN_OUT
 
     @property
     def reach(self) -> Pattern:
-        """Return the entries of the exponential that can differ from zero."""
+        """Return which entries `(N, N)` of the exponential can differ from zero."""
         reach = self._pattern | np.eye(self.size, dtype=bool)
         for _ in range(self.size):
             reach = reach | (reach.astype(int) @ reach.astype(int) > 0)
@@ -108,7 +108,7 @@ class Layout:
 
     @property
     def idle(self) -> tuple[bool, ...]:
-        """Return the zero columns: nothing depends on that state, and its exponential entry is one."""
+        """Return which columns are zero; the exponential has one on the diagonal of such a column."""
         return tuple(not column for column in self._pattern.any(axis=0))
 
     @property
@@ -121,9 +121,9 @@ class Layout:
     def matrix(
         self, b: Builder, constants: ir.Value, *parameters: ir.Value
     ) -> Sequence[tuple[int, int, Any]]:
-        """Return the entries for constant inputs `(C,)` and parameters `(P,)`, as numbers.
+        """Return the entries at constant inputs `(C,)` and parameters `(P,)`, given by addresses.
 
-        `parameters` are the addresses of their values and, if there are any, of their slopes.
+        `parameters` are the addresses of the parameters' values and, with slopes, of their slopes.
         """
         numbers = map(Blocks(b, parameters).get, range(self.n_parameters))
         return self.entries([*numbers, *(number(b, constants, c) for c in range(self.n_constants))])
@@ -137,7 +137,7 @@ def number(b: Builder, base: ir.Value, index: int) -> Vector:
 def addresses(
     b: Builder, block: ir.Value, group: ir.Value, sizes: Mapping[str, int]
 ) -> dict[str, ir.Value]:
-    """Return where the consecutive parts of a group begin; `sizes` counts the vectors of each part."""
+    """Return the addresses of a group's consecutive parts; `sizes` has the vectors of each part."""
     starts, start = {}, b.offset(block, b.mul(group, sum(sizes.values())))
     for name, size in sizes.items():
         starts[name], start = start, b.offset(start, size)
@@ -148,8 +148,8 @@ def addresses(
 class AugmentedMatrix:
     """A call returns the entries of the augmented matrix of a rig, see `Layout`.
 
-    `driven` are the columns after the constant one; `v slope` is the rate or increment of `v`.
-    `constant` are the constant inputs that are not zero.
+    `driven` names the columns after that of the constant 1. The column `v slope` is the time
+    derivative or the increment of the input `v`. `constant` names the non-zero constant inputs.
     """
 
     model: Model
@@ -175,19 +175,19 @@ class AugmentedMatrix:
 
 
 def with_slopes(series: Sequence[str], *, first_order: bool) -> tuple[str, ...]:
-    """Return the columns of sampled inputs and, with a first-order hold, those of their slopes."""
+    """Return the columns of sampled inputs and, with a first-order hold, of their time slopes."""
     return (*series, *(f"{name} slope" for name in series)) if first_order else tuple(series)
 
 
 def present(constant: Mapping[str, float]) -> dict[str, float]:
-    """Return the constant inputs that are not zero; the matrix has no entries for others."""
+    """Return the constant inputs that are not zero; the matrix has no entries for the others."""
     return {name: value for name, value in constant.items() if value != 0.0}
 
 
 def formulas(count: int, evaluate: Callable[[Sequence[Vector]], Any]) -> str:
-    """Return the code of formulas of `count` numbers, and their result in it, as one text.
+    """Return one text with the code of formulas of `count` numbers, and their results by name.
 
-    Equal formulas have equal texts, whatever their origin.
+    Equal formulas have equal texts, wherever they are defined.
     """
     kind = ir.FunctionType(ir.VoidType(), [VEC] * count)
     function = ir.Function(ir.Module(), kind, "formulas")
@@ -210,10 +210,10 @@ def _described(result: Any) -> str:
 
 
 TAYLOR_DEGREE = 16
-TAYLOR_NORM = 0.75  # 0.75**17 / 17! = 2e-17: the truncated series is exact to rounding below it
+TAYLOR_NORM = 0.75  # largest norm for the series: its remainder is 0.75**17 / 17! = 2e-17
 MAX_SQUARINGS = 60
 
-BALANCING_ROUNDS = 6
+BALANCING_ROUNDS = 6  # iterations of `emit_balanced_norm`
 
 _MANTISSA_BITS = 52
 _EXPONENT_BIAS = 1023
@@ -232,32 +232,32 @@ def store_exponential(
     """Store the exponential e `(N, N)` of the augmented matrix; each lane has its own span.
 
     `numbers` are the address of parameters `(P,)` and the span. For an exponential with slopes, the
-    address of the parameters' slopes and the slope of the span follow. The last columns belong to
-    the inputs' `increments` over the span, or else to their slopes. `beside_one=False` stores e -
-    1, which keeps more digits for short spans.
+    address of the parameters' slopes and the slope of the span follow. With `increments`, the last
+    columns belong to the increments of inputs over the span, else to their time derivatives.
+    `beside_one=False` stores e - 1, which keeps more digits for short spans.
 
     The method is scaling and squaring (Moler and Van Loan 2003): a Taylor series of degree 16, then
-    squarings lane by lane. Both are of e - 1. Added to one, the small change of a slow state over
-    the shortened span would be lost to rounding, where another state is very fast.
+    as many squarings as each lane needs. Both compute e - 1. If another state is very fast, the
+    span of the series is short, and adding 1 would round off the small change of a slow state.
     """
     parameters, span, *changes = numbers
     memory, n = Numbers(b, bool(changes)), layout.size
     (length,) = memory.shaped([span, *changes[1:]])
     values: dict[tuple[int, int], Number] = {}
     for row, column, value in layout.matrix(b, constants, parameters, *changes[:1]):
-        # Rows below the states are increments per step of any length, or slopes.
+        # With increments, the rows of inputs hold for a span of any length.
         timed = value if increments and row >= layout.n_states else value * length
         values[row, column] = values.get((row, column), 0.0) + timed
-    # The norm needs no columns of inputs: the series converges if that of A does.
+    # The norm of A is enough: the series of M converges if that of A does.
     plain, states = value_registers(values), range(layout.n_states)
-    if layout.large:  # squarings of large matrices cost far more than terms of a series
+    if layout.large:  # balancing saves squarings, which take long for large matrices
         norm = emit_balanced_norm(b, layout.n_states, plain)
     else:
         norm = emit_norm(b, ([plain[r, c] for c in states if (r, c) in plain] for r in states))
     halvings = emit_halvings(b, norm, TAYLOR_NORM)
     factor = Vector(b, emit_power(b, b.sub(_EXPONENT_BIAS, halvings)))
     short = {place: value * factor for place, value in values.items()}
-    # Values and slopes in reach are added in loops: unrolled, they would double the time to compile.
+    # Entries in reach are added in loops: unrolled code would double the time to compile.
     places = np.flatnonzero(np.repeat(np.array(layout.reach), memory.width))
     reached = constant_table(b.module, places.tolist())
     memory.clear(e, n * n)
@@ -286,7 +286,7 @@ def _sum_series(
     memory: Numbers,
     reached: IndexTable,
 ) -> None:
-    """Store the series of a matrix A with the entries `short`, in powers of its fourth power."""
+    """Store the Taylor series of a matrix A with the entries `short`, as a polynomial in A^4."""
     n, slopes = layout.size, memory.slopes
     a, second, third, fourth, spare = (memory.room(n * n) for _ in range(5))
     memory.clear(a, n * n)
@@ -296,7 +296,7 @@ def _sum_series(
         multiply_reached(b, out, left, right, layout, slopes=slopes)
 
     def add_terms(base: ir.Value, first: int, powers: Sequence[ir.Value]) -> None:
-        """Store e = base + 1 / first! + sum of A^k / (first + k)! over the given `powers`."""
+        """Store e = base + 1 / first! + sum A^k / (first + k)!, with the `powers` A, A^2, ..."""
         if first > 0:
             _add_to_diagonal(b, base, 1.0 / math.factorial(first), n, memory)
         with reached.loop(b) as place:
@@ -315,7 +315,7 @@ def _sum_series(
 def _sum_sparse_series(
     b: Builder, e: ir.Value, short: Mapping[tuple[int, int], Number], n: int, memory: Numbers
 ) -> None:
-    """Store A (1 + A/2 (1 + A/3 (...))) by columns: products with the few `short` entries are cheap."""
+    """Store A (1 + A/2 (1 + A/3 (...))) by columns, where `short` has the few entries of A."""
     with b.loop(TAYLOR_DEGREE, "terms") as term:
         order = b.sitofp(b.sub(TAYLOR_DEGREE, term), F64)
         over = Vector(b, b.splat(b.fdiv(F64(1.0), order)))
@@ -336,7 +336,7 @@ def _add_to_diagonal(b: Builder, block: ir.Value, number: float, n: int, memory:
 
 
 def emit_norm(b: Builder, rows: Iterable[Sequence[ir.Value]]) -> ir.Value:
-    """Return the largest sum of absolute values in a row."""
+    """Return the largest row sum of absolute values."""
     norm = vector(0.0)
     for row in rows:
         total = vector(0.0)
@@ -347,12 +347,12 @@ def emit_norm(b: Builder, rows: Iterable[Sequence[ir.Value]]) -> ir.Value:
 
 
 def emit_power(b: Builder, exponent: ir.Value) -> ir.Value:
-    """Return two to the power of integers that are given as biased exponents, 1023 larger."""
+    """Return 2^(exponent - 1023) for integers `exponent` in all lanes."""
     return b.bitcast(b.shl(exponent, _MANTISSA_BITS), VEC)
 
 
 def emit_halvings(b: Builder, norm: ir.Value, bound: float) -> ir.Value:
-    """Return the least h >= 0 with norm / 2**h <= `bound`, read off the bits of the quotient."""
+    """Return the smallest h with norm / 2**h <= `bound` from 0 to 60, by the bits of norm / bound."""
     bits = b.bitcast(b.fdiv(norm, vector(bound)), INT_VEC)
     exponent = b.sub(b.lshr(bits, _MANTISSA_BITS), _EXPONENT_BIAS)
     mantissa = b.and_(bits, (1 << _MANTISSA_BITS) - 1)
@@ -378,7 +378,7 @@ def multiply_reached(
     *,
     slopes: bool = False,
 ) -> None:
-    """Store the product of two matrices `(N, N)`, for their entries in reach.
+    """Store the product of two matrices `(N, N)`, computing only entries in reach.
 
     Consecutive rows with the same reach are computed in a loop.
     """
@@ -399,9 +399,10 @@ def multiply_reached(
 
 
 def emit_balanced_norm(b: Builder, x: int, values: Registers) -> ir.Value:
-    """Return the largest row sum of D^-1 |A| D, which is a norm for any scales D > 0 of states.
+    """Return the largest row sum of D^-1 |A| D, a norm of A for any diagonal D > 0.
 
-    States have units of any size. Each iteration takes for D the geometric mean of D and |A| D.
+    D scales the states, whose units differ. Each iteration replaces the diagonal d of D by the
+    geometric mean of d and |A| d; the smallest norm is returned.
     """
     size = {index: b.absolute(value) for index, value in values.items() if index[1] < x}
     rounds = Loop(b, BALANCING_ROUNDS, [vector(1.0)] * x + [vector(math.inf)], "rounds")

@@ -1,17 +1,17 @@
 """Advance a rig with friction by a step in which each friction keeps slipping or sticking.
 
-    x_i+ = rows[i] (x, 1, drive, sizes of frictions that vary)
+    x_i+ = rows[i] (x, 1, drive, sizes of varying frictions)
 
-As long as each friction slips in one direction or sticks, the rig is a linear one: its
-`FrictionMode`.  A steady friction that slips is part of the constant forcing.  A friction that
-sticks takes the effort that keeps its speed at zero, which is linear in the other states.  So the
-row of its speed is zero, and the row of its angle keeps the angle.  The rows of a mode are kept in
-memory, as they change rarely.
+As long as each friction slips in one direction or sticks, the rig is linear, in a `FrictionMode`.
+A slipping friction of constant size is part of the constant forcing.  A sticking friction has the
+effort that keeps its speed at zero, which is linear in the other states.  So the row of its speed
+is zero, and the row of its angle keeps the angle.  The rows of a mode are kept in memory, as they
+change rarely.
 
     x+ = Phi x + g + Gamma u + Gamma_f f
 
-A size that changes with the speed is taken at the mean of the speeds at both ends.  For events, zero
-crossings of a speed and the passage from stick to slip, see `ReversalStep`.
+A size that changes with the speed is evaluated at the mean of the speeds at both ends of the step.
+`ReversalStep` handles events: zero crossings of a speed, and the transition from stick to slip.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from bayesdrill.rig.models.friction import DIRECTION, Law
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """The sizes of a friction in both directions, one number if they are equal."""
+    """The sizes are those of a friction in both directions; if equal, they are one object."""
 
     forward: Number
     backward: Number
@@ -50,7 +50,7 @@ class Sizes:
     def by_law(
         cls, b: Builder, law: Law, p: Mapping[str, Number], speed: Any, seen: Mapping[str, Number]
     ) -> Sizes:
-        """Evaluate a law in both directions, or once if it does not differ."""
+        """Evaluate a law in both directions, or once if the direction does not matter."""
         ways = (1.0, -1.0) if DIRECTION in law.seen else (1.0,)
         signs = [Vector(b, vector(way)) for way in ways]
         sizes = [law.size(p, speed, {**seen, DIRECTION: sign}) for sign in signs]
@@ -62,14 +62,14 @@ class Sizes:
         return self.forward is not self.backward
 
     def along(self, speed: Number, *, back: bool = False) -> Number:
-        """Return the size in the direction of a speed, or with `back` in the other."""
+        """Return the size in the direction of a speed or, with `back`, in the opposite one."""
         if not self.differ:
             return self.forward
         both = (self.backward, self.forward)
         return where(below(speed, 0.0), *(reversed(both) if back else both))
 
     def exceeded(self, effort: Number) -> Mask:
-        """Return where an effort is larger than friction of its sign."""
+        """Return where an effort is larger than the friction in its direction."""
         return above(size(effort), self.along(effort))
 
 
@@ -78,9 +78,9 @@ class StepFriction:
     """A friction has this effect on the states in a step.
 
     `row` is the index of its speed, and `angle` that of its angle. `column` is the effect of a unit
-    effort on the states in a step, and `stop_gain` minus one over that on its own speed.
-    `holding_row` and `holding_base` give the effort that keeps its speed, from states and drive.
-    `steady` has its sizes if its law is steady.
+    effort on the states in a step, and `stop_gain` is -1 / column[row]. The effort that keeps the
+    speed constant is `holding_row` times states and drive, plus `holding_base`. `steady` has the
+    sizes if they depend only on parameters.
     """
 
     row: int
@@ -93,12 +93,12 @@ class StepFriction:
     steady: Sizes | None
 
     def holding_effort(self, state: Sequence[Number], drive: Column) -> Number:
-        """Return the effort that keeps the speed as it is."""
+        """Return the effort that keeps the speed constant."""
         return sum_products(self.holding_base, row_terms(self.holding_row, state, drive))
 
 
 def row_terms(row: Column, state: Sequence[Number], drive: Column) -> list[tuple[Number, Number]]:
-    """Return the terms of a row; those of the drive, which is known earlier, come before states."""
+    """Return the terms of a row: first those of the drive, which is known before the states."""
     x = len(state)
     known = [(entry, drive[k]) for k, entry in row.items() if k in drive]
     return known + [(entry, state[k]) for k, entry in row.items() if k < x]
@@ -108,13 +108,13 @@ Rows = list[dict[int, Number]]
 
 
 def moved_by(rows: Rows, state: Sequence[Number], drive: Column) -> list[Number]:
-    """Return the product of rows with states, one and drive."""
+    """Return the products of rows with (states, 1, drive)."""
     return [sum_products(row.get(len(state)), row_terms(row, state, drive)) for row in rows]
 
 
 @dataclass(frozen=True, slots=True)
 class FrictionHistory:
-    """The history has the varying sizes of frictions in the last step, and their changes in it."""
+    """The history has the varying sizes in the last step, and `trends`, their latest changes."""
 
     sizes: list[Number]
     trends: list[Number]
@@ -122,10 +122,10 @@ class FrictionHistory:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A step has its matrices and its frictions.
+    """A step has the matrix of its transition, and its frictions.
 
-    `rows` give states over columns (states, one, drive, frictions from `first` on). `slopes` maps
-    the columns of inputs to those of their slopes.
+    `rows` give the new states from the columns: states, 1, drive and, from `first` on, frictions.
+    `slopes` maps the columns of inputs to those of their time derivatives.
     """
 
     rows: Rows
@@ -144,7 +144,7 @@ class Step:
 
     @cached_property
     def size_states(self) -> list[int]:
-        """Return the indices of states on which sizes depend."""
+        """Return the indices of states on which varying sizes depend."""
         unsteady = [self.frictions[e] for e in self.varying]
         names = {name for friction in unsteady for name in friction.law.seen}
         named = {i for i, name in enumerate(self.states) if name in names}
@@ -170,7 +170,7 @@ class Step:
     def mean_sizes(
         self, state: Sequence[Number], ahead: Sequence[Number], inputs: Mapping[str, Number]
     ) -> list[Sizes]:
-        """Return the sizes at the mean of both ends of a step."""
+        """Return the sizes at the mean of the states at both ends of a step."""
         speeds, middle = {friction.row for friction in self.frictions}, list(state)
         for i in self.size_states:
             here, there = state[i], ahead[i]
@@ -192,7 +192,7 @@ class Step:
 class StepStart:
     """A step starts from a state, a history of frictions and a drive.
 
-    `drive` is by column. `inputs` are by name, in the middle of the step.
+    `drive` has values by column. `inputs` has the values in the middle of the step by name.
     """
 
     state: list[Number]
@@ -205,7 +205,7 @@ class StepStart:
 class FrictionMode:
     """In a mode each friction keeps slipping one way or sticking, and the rig is linear.
 
-    `shows` adds a row for the effort of each friction. `block` has room for directions and rows.
+    `shows` adds a row for the effort of each friction. `block` is memory for directions and rows.
     """
 
     step: Step
@@ -213,13 +213,13 @@ class FrictionMode:
     block: ir.Value
     slots: dict[tuple[int, int], Number] = field(default_factory=dict)
 
-    # After a speed has changed its sign.
+    # Called after a speed has changed its sign.
 
     def set(self, state: Sequence[Number]) -> None:
         """Store the rows for the signs of the speeds in `state`; a speed of zero sticks."""
         step, b = self.step, self.step.kind.b
-        first = step.first  # the columns of frictions
-        constant = len(step.rows)  # the column of what is constant
+        first = step.first  # the first column of frictions
+        constant = len(step.rows)  # the column of the constant 1
         directions = [slip_direction(state[friction.row]) for friction in step.frictions]
         rows = [dict(row) for row in step.rows]
         if self.shows:
@@ -236,7 +236,7 @@ class FrictionMode:
         self._store(rows)
 
     def _hold(self, rows: Rows, e: int, still: Mask) -> None:
-        """Let friction e take the effort that makes its speed zero, in lanes where it sticks."""
+        """Give friction e the effort that makes its speed zero, in lanes where it sticks."""
         friction, column = self.step.frictions[e], self.step.first + e
         pivot = dict(rows[friction.row])
         stop = -1.0 / pivot.pop(column)
@@ -253,7 +253,7 @@ class FrictionMode:
                 angle[k] = where(still, 1.0 if k == friction.angle else 0.0, angle[k])
 
     def _store(self, rows: Rows) -> None:
-        """Store the rows, at the same places each time."""
+        """Store the rows, at the same addresses in each call."""
         index = len(self.step.frictions)
         for i, row in enumerate(rows):
             for k in sorted(row):
@@ -264,15 +264,15 @@ class FrictionMode:
                     index += 1
                 self.slots[i, k] = row[k]
 
-    # While no speed changes its sign.
+    # Called while no speed changes its sign.
 
     def directions(self) -> list[Vector]:
-        """Load the directions: 1 or -1 as a friction slips, 0 as it sticks."""
+        """Load the directions: 1 or -1 where a friction slips, 0 where it sticks."""
         b = self.step.kind.b
         return [Vector(b, value) for value in b.read_row(self.block, len(self.step.frictions))]
 
     def _read_rows(self) -> Rows:
-        """Load the rows, which may have changed."""
+        """Load the rows, which `set` may have changed."""
         b, rows = self.step.kind.b, Rows({} for _ in range(1 + max(i for i, _ in self.slots)))
 
         def part(number: Vector | float, at: int) -> Vector | float:
@@ -290,8 +290,8 @@ class FrictionMode:
     ) -> list[Number]:
         """Return new state, efforts (if the mode shows them), sizes that vary, and their trends.
 
-        Varying sizes are those in the middle of the step. For these the end of the step is
-        predicted with sizes that continue their trends. Given `sizes` are used as they are.
+        Varying sizes are those in the middle of the step. To compute them, the end of the step is
+        predicted with sizes that continue their trends. If `sizes` are given, these are used.
         """
         step, state, past = self.step, now.state, now.past
         rows, varying = self._read_rows(), step.varying
@@ -340,5 +340,5 @@ class FrictionMode:
 
 
 def any_of(masks: Iterable[Mask]) -> Mask:
-    """Return the disjunction of masks."""
+    """Return the logical or of masks."""
     return reduce(Mask.either, masks)

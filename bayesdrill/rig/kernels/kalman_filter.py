@@ -4,18 +4,18 @@ Over a step h, the state-space model x' = F x + g w with white noise w of intens
 
     Phi = exp(F h)      Q = q int exp(F s) g g' exp(F s)' ds  from 0 to h
 
-(Van Loan 1978).  h is halved until a Taylor series is short; there Q is a Gauss-Legendre sum of squares.
-Then Phi -> Phi Phi and Q -> Q + Phi Q Phi', as often as it was halved.
+(Van Loan 1978).  h is halved until the Taylor series of Phi is short.  Over the halved step Q is a
+Gauss-Legendre sum.  Then Phi <- Phi Phi and Q <- Q + Phi Q Phi', once for each halving.
 
-Channels of a sample are taken one after the other, so that only numbers are divided by (Anderson and
+The filter takes the channels of a sample one by one, so that it inverts no matrix (Anderson and
 Moore 1979, section 6.4): with the innovation e = y - c x, its variance S = c P c' + R and the gain
 k = P c' / S,
 
     update       x <- x + k e       P <- P - k c P
     prediction   x <- Phi x         P <- Phi P Phi' + Q
 
-Steady covariances are not updated until a gap or another step.  The smoother goes back
-by adjoints (Bryson and Frazier 1963; Bierman 1973), without inverting a covariance:
+Once the covariance is steady, only a gap or another step changes it.  The smoother goes back by
+adjoints (Bryson and Frazier 1963; Bierman 1973), without inverting a covariance:
 
     r <- Phi' r      r <- r + c' (e / S - k' r)  channel by channel      x + P r  is the smoothed state
 """
@@ -71,10 +71,10 @@ GAUSS_NODES = 9  # exact for polynomials up to degree 17
 
 @dataclass(frozen=True, slots=True)
 class StateSpace:
-    """The state space is that of a rig with its torque, for which kernels are specialised.
+    """The state space is that of a rig with its latent torque; kernels are specialised for it.
 
-    `channels (K, n)` has the weights of states in channels, those of the torque last. Weights other
-    than 0, 1 and -1 are None, and arguments of the kernel.
+    `channels (K, n)` has the weights of states in channels; torque states are last. Weights other
+    than 0, 1 and -1 are None here, as they are arguments of the kernel.
     """
 
     model: AugmentedModel
@@ -86,13 +86,13 @@ class StateSpace:
         return f"{self.n} {self.n_torque_states} {self.channels} {formulas(self.p, self._formulas)}"
 
     def _formulas(self, lanes: Sequence[Vector]) -> Any:
-        """Return the dynamics, and the noise intensity of the torque, with slopes in such kernels."""
+        """Return the dynamics, and the noise intensity of the torque, at given parameters."""
         named: Any = dict(zip(self.model.parameters, lanes, strict=True))
         return _entries(self, named), self.model.torque.intensity(named[TIME])
 
     @property
     def n(self) -> int:
-        """Return the number of states, those of the torque included."""
+        """Return the number of states, including those of the torque."""
         return len(self.model.states)
 
     @property
@@ -132,7 +132,7 @@ def store_transition(
 ) -> None:
     """Store Phi (n, n), and Q (n, n) of the process noise, in numbers with or without slopes.
 
-    `span` is the length of time of each lane.
+    `span` is the time step of each lane.
     """
     n, memory = system.n, Numbers(b, slopes)
     named = dict(zip(system.model.parameters, memory.row(parameters, system.p), strict=True))
@@ -203,14 +203,14 @@ def _emit_series(
 
 
 def _over(b: Builder, index: ir.Value) -> Vector:
-    """Return one over the number after `index`."""
+    """Return 1 / (index + 1)."""
     return Vector(b, b.splat(b.fdiv(F64(1.0), b.sitofp(b.add(index, 1), F64))))
 
 
 def _emit_squares(
     memory: Numbers, timed: dict[tuple[int, int], Number], n: int, q: ir.Value, driven: Number
 ) -> None:
-    """Store the integral of the process noise over 0 to 1, times the intensity `driven`."""
+    """Store q = driven int exp(F s) g g' exp(F s)' ds from 0 to 1, with the `timed` entries of F."""
     b = memory.b
     terms = memory.room((TAYLOR_DEGREE + 1) * n)
     memory.put_row([*[0.0] * (n - 1), 1.0], terms)
@@ -218,7 +218,7 @@ def _emit_squares(
         here = memory.at(terms, b.mul(order, n))
         memory.put_row(_moved(timed, n, memory.row(here, n), _over(b, order)), here, n)
     memory.clear(q, n * n)
-    # Nodes and weights of Gauss-Legendre quadrature from 0 to 1, alternately.
+    # Nodes of Gauss-Legendre quadrature from 0 to 1, each followed by its weight.
     nodes, weights = np.polynomial.legendre.leggauss(GAUSS_NODES)
     gauss = np.stack([0.5 * (nodes + 1.0), 0.5 * weights], axis=1)
     table = b.room(gauss.size)
@@ -240,8 +240,8 @@ def _emit_squares(
 class Gains:
     """The block `(K, width)` has the Kalman gains of all channels.
 
-    A channel has its gain (n,), the variance S of its innovation, and 1 / sqrt(S). `weights (K, n)`
-    is the block of the channels' weights.
+    Each channel has its gain (n,), the variance S of its innovation, and 1 / sqrt(S). The
+    channels' weights are in `weights (K, n)`.
     """
 
     memory: Numbers
@@ -263,13 +263,13 @@ class Gains:
         return self.memory.get(self.block, (k + 1) * self.width(self.system.n) - 2)
 
     def inverse_deviation(self, k: int) -> Number:
-        """Load one over the standard deviation of the innovation of channel k."""
+        """Load 1 / sqrt(S) of channel k."""
         return self.memory.get(self.block, (k + 1) * self.width(self.system.n) - 1)
 
     def update_covariance(
         self, k: int, p: ir.Value, variances: ir.Value, is_seen: Number = 1.0
     ) -> None:
-        """Store the numbers of channel k in the block, and update the covariance p (n, n)."""
+        """Store gain, S and 1 / sqrt(S) of channel k, and update the covariance p (n, n)."""
         memory, n = self.memory, self.system.n
         weights = self.system.weights(memory.b, self.weights, k)
         c = list(weights.values())
@@ -312,31 +312,31 @@ def _root(b: Builder, number: Number) -> Number:
 
 
 STEADY_TOLERANCE = 1e-13  # relative change of a variance below which the covariance is steady
-STEADY_SLOPE_TOLERANCE = 1e-10
+STEADY_SLOPE_TOLERANCE = 1e-10  # the same for the slope, relative to |slope| + variance
 
-# G groups, T samples and M lengths of steps. With a lead, the last length is that from the start to
-# the first sample.
+# G groups, T samples, M step lengths. If `lead` is 1, the start is before the first sample, and the
+# last step leads from the start to this sample.
 COUNTS = ("groups", "samples", "steps", "lead")
 BLOCKS = {
     "parameters": VECTORS,  # (G, P) numbers
     "variances": VECTORS,  # (G, K) numbers, variances of the noise
-    # (G, T, K) numbers, measured minus model; for draws, normal ones (G, T, n + K).
+    # (G, T, K) residuals, measured minus model; for draws, (G, T, n + K) standard normal numbers.
     "left": VECTORS,
-    "seen": NUMBERS,  # (T, K) one if observed, else zero
-    "node": WHOLE,  # (T,) index of the step to the next sample
-    "same": WHOLE,  # (T,) whether channels and step are those of the sample before
-    "spans": NUMBERS,  # (M,)
+    "seen": NUMBERS,  # (T, K) 1 if the channel is observed, else 0
+    "node": WHOLE,  # (T,) index in `spans` of the step to the next sample
+    "same": WHOLE,  # (T,) 1 if observed channels and step are those of the previous sample
+    "spans": NUMBERS,  # (M,) step lengths
     "weights": NUMBERS,  # (K, n) weights of states in channels
-    "table": VECTORS,  # scratch (M, 2, n, n) numbers
+    "table": VECTORS,  # scratch (M, 2, n, n): Phi and Q of each step
     "kept": VECTORS,  # scratch (T, `smoother_size`) of the smoother
-    "out": VECTORS,  # (G, T, K, 2) numbers, whitened and variances; or (G, T, n), (G, T, n + K)
+    "out": VECTORS,  # (G, T, K, 2) whitened, variances; (G, T, n) smoothed; (G, T, n + K) drawn
 }
 
 
 def write_filter(module: Module, system: StateSpace, name: str) -> None:
-    """Write `whiten`, `slopes` (whiten with slopes), `smooth` or `draw`.
+    """Write the kernel `name`: `whiten`, `slopes` (whiten with slopes), `smooth` or `draw`.
 
-    They are functions of COUNTS and of the addresses of BLOCKS.
+    Its arguments are COUNTS and the addresses of BLOCKS.
     """
     with kernel(module, name, COUNTS, BLOCKS) as (a, b), b.loop(a["groups"], "groups") as group:
         w = _Writer(a, Numbers(b, name == "slopes"), system, group)
@@ -377,7 +377,7 @@ class _Writer:
         return phi, self.memory.at(phi, size)
 
     def matrices_to(self, t: ir.Value) -> tuple[ir.Value, ir.Value]:
-        """Return Phi and Q of the step that leads to a sample; any step for the first sample."""
+        """Return Phi and Q of the step to sample t; for the first sample, those of any step."""
         b = self.b
         before = b.select(b.icmp_signed(">", t, 0), b.sub(t, 1), 0)
         return self.matrices(b.single(self.a["node"], before))
@@ -390,7 +390,7 @@ def smoother_size(system: StateSpace) -> int:
 
 
 def _revise(w: _Writer, phi: ir.Value, q: ir.Value, observed: ir.Value) -> None:
-    """Update and predict the covariance; the flag tells whether it is steady."""
+    """Update and predict the covariance; set the flag if it is steady from now on."""
     b, m, n = w.b, w.memory, w.n
     old = [dual(m.get(w.p, i * n + i)) for i in range(n)]
     for k in range(w.system.k):
@@ -462,7 +462,7 @@ def _emit_back(w: _Writer, group: ir.Value) -> None:
 
 
 def _emit_draw(w: _Writer, group: ir.Value) -> None:
-    """Write the draw of states, and of noisy channels of these, from normal numbers."""
+    """Write the code that draws states and their noisy channels from standard normal numbers."""
     b, a, m, n, k_count = w.b, w.a, w.memory, w.n, w.system.k
     first, spare = m.room(n * n), m.room(n * n)
     factorise(b, first, w.p, n)

@@ -1,6 +1,6 @@
-"""Write code for vectors of walkers in LLVM's language.
+"""Write LLVM code for vectors, which hold one number of each of eight walkers.
 
-There are constants, memory, loops and gathers, and numbers whose arithmetic becomes code.
+The module has constants, memory, loops and gathers, and numbers whose arithmetic becomes code.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from llvmlite import ir
 from bayesdrill.basics.duals import Choice, Number
 
 LANES = 8
-MOST_ON_STACK = 1024  # vectors: larger blocks are allocated by malloc
+MOST_ON_STACK = 1024  # largest block on the stack, in vectors; larger ones are allocated by malloc
 Values = list[ir.Value]
 type Integer = ir.Value | int  # a 64-bit integer of a kernel, or a constant
 
@@ -27,10 +27,10 @@ I32 = ir.IntType(32)
 BYTES = ir.IntType(8).as_pointer()
 VEC = ir.VectorType(F64, LANES)
 INT_VEC = ir.VectorType(I64, LANES)
-# The mask that is false in all lanes.
+# The masks that are false, and true, in all lanes.
 NOWHERE = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
 EVERYWHERE = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [1] * LANES)
-# Blocks of single numbers, of whole numbers, and of vectors: `LANES` numbers each.
+# Types of blocks: of single numbers, of integers, and of vectors of `LANES` numbers.
 NUMBERS, WHOLE, VECTORS = F64.as_pointer(), I64.as_pointer(), VEC.as_pointer()
 
 
@@ -39,12 +39,12 @@ def vector(value: float) -> ir.Constant:
     return _vector(value, math.copysign(1.0, value))
 
 
-# A constant is written out as text once, however often a kernel has it.
+# Constants are cached, so that the text of each one is written only once.
 
 
 @lru_cache(maxsize=4096)
 def _vector(value: float, sign: float) -> ir.Constant:
-    """Return a constant; `sign` keeps zeros of either sign apart, which are equal but not the same."""
+    """Return a constant; `sign` distinguishes 0.0 and -0.0, which are equal keys of the cache."""
     return ir.Constant(VEC, [value] * LANES)
 
 
@@ -59,14 +59,14 @@ def _integer(value: int) -> ir.Constant:
 
 
 def integer(number: Integer) -> ir.Value:
-    """Return a 64-bit integer, a constant where it is known."""
+    """Return a 64-bit integer of the kernel; a Python integer becomes a constant."""
     return _integer(number) if isinstance(number, int) else number
 
 
-_LEAST_POWER = -700.0  # exponents of e below this give zero
+_LEAST_POWER = -700.0  # lower exponents of e are raised to this: exp(-700) = 1e-304
 _ROUNDER = 1.5 * 2.0**52  # adding it leaves the nearest integer in the last bits of a number
-_PI = (math.pi, 1.2246467991473532e-16)  # pi as a double, and the rest of it
-_SIN = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10))  # of sin(x)/x, in x^2
+_PI = (math.pi, 1.2246467991473532e-16)  # pi as a double, and its remainder
+_SIN = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10))  # sin(x)/x in x^2
 # Minimax polynomial of exp(x) for |x| < log(2)/2; its relative error is 2e-9.
 _EXP = (
     1.0000000005541665,
@@ -80,9 +80,9 @@ _EXP = (
 
 
 def _of_whole(name: str) -> Any:
-    """Return LLVM's operation of this name on whole numbers, which may be constants.
+    """Return a method for LLVM's operation `name` on integers; Python integers become constants.
 
-    Together with vectors they stand for all lanes.
+    If an operand is a vector, a constant has the same value in all lanes.
     """
     write = getattr(ir.IRBuilder, name)
 
@@ -96,7 +96,7 @@ def _of_whole(name: str) -> Any:
 
 
 def _of_lanes(name: str, result: ir.Type = VEC) -> Any:
-    """Return an operation that LLVM has by this name, of vectors of the type of its name."""
+    """Return a method for LLVM's intrinsic function `name` of vectors, with a `result` type."""
 
     def method(builder: Builder, *operands: ir.Value) -> ir.Value:
         full = f"llvm.{name}.v{LANES}{'i64' if result == I64 else 'f64'}"
@@ -119,14 +119,14 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
     largest = _of_lanes("vector.reduce.smax", I64)  # the largest integer in any lane
 
     def room(self, count: int, kind: ir.Type = VEC) -> ir.Value:
-        """Reserve vectors once, even in a loop: on the stack, or by malloc if they are many."""
+        """Reserve `count` vectors, only once even in a loop: on the stack or, if many, by malloc."""
         with self.goto_entry_block():
             if count <= MOST_ON_STACK:
                 return self.alloca(kind, I64(count))
             found = self.module.globals.get("malloc")
             malloc = found or ir.Function(self.module, ir.FunctionType(BYTES, [I64]), "malloc")
             self.taken.append(self.call(malloc, [I64((count + 1) * 8 * LANES)]))
-            start = self.ptrtoint(self.taken[-1], I64)  # start at a cache line, see `aligned`
+            start = self.ptrtoint(self.taken[-1], I64)  # start at a cache line
             begin = self.and_(self.add(start, 8 * LANES - 1), -8 * LANES)
             return self.inttoptr(begin, kind.as_pointer())
 
@@ -139,11 +139,11 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         self.store(value, self.offset(base, index), align=8)
 
     def single(self, base: ir.Value, index: Integer) -> ir.Value:
-        """Load a number or an integer of a block of single ones."""
+        """Load number `index` of a block of single numbers or integers."""
         return self.load(self.offset(base, index))
 
     def shared(self, base: ir.Value, index: Integer) -> ir.Value:
-        """Load a number of a block of single ones into all lanes."""
+        """Load number `index` of a block of single numbers into all lanes."""
         return self.splat(self.single(base, index))
 
     def read_row(self, base: ir.Value, count: int) -> list[ir.Value]:
@@ -156,20 +156,20 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
             self.write(value, base, index)
 
     def slots(self, count: int) -> list[ir.Value]:
-        """Reserve `count` places of a vector each, which become registers if possible."""
+        """Reserve memory for `count` single vectors, which LLVM turns into registers if possible."""
         return [self.room(1) for _ in range(count)]
 
     def read_slots(self, slots: Iterable[ir.Value]) -> list[ir.Value]:
-        """Load the vectors at these places."""
+        """Load the vectors in these slots."""
         return [self.read(slot, 0) for slot in slots]
 
     def write_slots(self, values: Sequence[ir.Value], slots: Sequence[ir.Value]) -> None:
-        """Store vectors at as many places."""
+        """Store each vector in its slot."""
         for value, slot in zip(values, slots, strict=True):
             self.write(value, slot, 0)
 
     def offset(self, base: ir.Value, count: Integer, size: Integer | None = None) -> ir.Value:
-        """Return the address after `count` entries of a block, or after rows of this size."""
+        """Return the address of entry `count` of a block, or of row `count` if rows have a `size`."""
         return self.gep(base, [integer(count if size is None else self.mul(count, size))])
 
     @contextmanager
@@ -204,7 +204,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
     def add_products(
         self, pairs: Iterable[tuple[ir.Value, ir.Value]], total: ir.Value | None = None
     ) -> ir.Value:
-        """Return `total`, or zero, and the products of pairs, added one by one."""
+        """Return `total`, or zero if None, plus the products of pairs, added one by one."""
         total = vector(0.0) if total is None else total
         for factor, other in pairs:
             total = self.fma(factor, other, total)
@@ -216,7 +216,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return self.icmp_unsigned("!=", self.bitcast(mask, bits), bits(0))
 
     def polynomial(self, numbers: Sequence[float], x: ir.Value) -> ir.Value:
-        """Evaluate a polynomial by pairs of its terms, in short chains of operations (Estrin 1960)."""
+        """Evaluate a polynomial, constant term first, by pairs of its terms (Estrin 1960)."""
         weights = [*map(vector, numbers)]
         while len(weights) > 1:
             ends = [*weights, None] if len(weights) % 2 else weights
@@ -226,7 +226,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return weights[0]
 
     def exp(self, value: ir.Value) -> ir.Value:
-        """Return e to the power of numbers up to 700, to 2e-9: a power of two times a polynomial."""
+        """Return exp(value) for values up to 700, as 2^n times a polynomial; relative error 2e-9."""
         low = self.fcmp_ordered("<", value, vector(_LEAST_POWER))
         value = self.select(low, vector(_LEAST_POWER), value)
         shifted = self.fma(value, vector(1.0 / math.log(2.0)), vector(_ROUNDER))
@@ -237,7 +237,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return self.bitcast(self.add(self.bitcast(total, INT_VEC), power), VEC)
 
     def sin(self, value: ir.Value) -> ir.Value:
-        """Return the sine of numbers up to 1e6, to 1e-10, by reduction to less than half a turn."""
+        """Return sin(value) for |value| up to 1e6, by reduction to +-pi / 2; error 1e-10."""
         shifted = self.fma(value, vector(1.0 / math.pi), vector(_ROUNDER))
         whole = self.fsub(shifted, vector(_ROUNDER))
         remaining = value
@@ -250,7 +250,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return self.bitcast(signed, VEC)
 
     def gather(self, numbers: ir.Value, places: ir.Value) -> ir.Value:
-        """Load for each lane the number at its place of a block; fast if lanes share a place."""
+        """Load a number for each lane, at its own index of a block; fast if all indices are equal."""
 
         def of_lane(index: ir.Value, _: int) -> ir.Value:
             return self.single(numbers, index)
@@ -258,7 +258,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return self._gather(places, of_lane, lambda index: self.shared(numbers, index))
 
     def gather_lanes(self, vectors: ir.Value, places: ir.Value) -> ir.Value:
-        """Load for each lane its own number of the vector at its place of a block."""
+        """Load each lane's component of the vector at the lane's own index of a block."""
         numbers = self.bitcast(vectors, NUMBERS)
 
         def of_lane(index: ir.Value, lane: int) -> ir.Value:
@@ -287,14 +287,14 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return self.merged((gathered, block_apart), (broadcast, block_alike))
 
     def merged(self, *cases: tuple[ir.Value, ir.Block]) -> ir.Value:
-        """Return the value of the block that the code came from."""
+        """Return the value paired with the basic block from which the code has branched here."""
         result = self.phi(cases[0][0].type)
         for case in cases:
             result.add_incoming(*case)
         return result
 
     def last_until(self, numbers: ir.Value, place: ir.Value, bound: ir.Value) -> ir.Value:
-        """Return the place of the last of increasing numbers up to a bound, searched from a place on."""
+        """Return the index of the last of increasing `numbers` <= `bound`, searched from `place` on."""
         entry, check = self.block, self.append_basic_block("search")
         self.branch(check)
         self.position_at_end(check)
@@ -317,7 +317,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         *,
         likely: bool | None = None,
     ) -> list[ir.Value]:
-        """Return the result of `other` if the flag is true, else `default`; it runs only then."""
+        """Return the result of `other` if the flag is true, else `default` without running `other`."""
         before = self.block
         with self.if_then(flag, likely=likely):
             others, inside = other(), self.block
@@ -341,7 +341,7 @@ class Module(ir.Module):  # type: ignore[misc]
 def function(
     module: Module, name: str, kinds: Iterable[ir.Type]
 ) -> Iterator[tuple[ir.Function, Builder]]:
-    """Write a function of counts and block addresses, without result; blocks do not overlap."""
+    """Write a function of counts and addresses of blocks, which do not overlap; it returns nothing."""
     written = ir.Function(module, ir.FunctionType(ir.VoidType(), [*kinds]), name)
     for argument in written.args:
         if isinstance(argument.type, ir.PointerType):
@@ -359,7 +359,7 @@ def function(
 def kernel(
     module: Module, name: str, counts: Sequence[str], blocks: Mapping[str, ir.Type]
 ) -> Iterator[tuple[dict[str, ir.Value], Builder]]:
-    """Write a kernel; yield its arguments by name, which are `counts` and addresses of `blocks`."""
+    """Write a kernel; yield its arguments by name: `counts`, and the addresses of `blocks`."""
     names = module.arguments[name] = [*counts, *blocks]
     with function(module, name, [*[I64] * len(counts), *blocks.values()]) as (written, b):
         yield dict(zip(names, written.args, strict=True)), b
@@ -368,9 +368,9 @@ def kernel(
 def routine[**P](
     write: Callable[Concatenate[Builder, P], None],
 ) -> Callable[Concatenate[Builder, P], None]:
-    """Turn code into a function that is written once into a module and called from then on.
+    """Turn a writer of code into a function, which a module contains once and calls repeatedly.
 
-    Values become its arguments. It is specialised for all other arguments.
+    `ir.Value` arguments become its arguments. It is specialised for all other arguments.
     """
 
     @wraps(write)
@@ -392,7 +392,7 @@ def routine[**P](
 
 
 class Loop:
-    """The loop has a count (at least one) and carries values: read `carried`, then `close`."""
+    """The loop runs `count` times (at least once) and carries values: read `carried`, then `close`."""
 
     def __init__(self, b: Builder, count: Integer, start: Iterable[Integer], name: str) -> None:
         self._b, self._count = b, count
@@ -407,7 +407,7 @@ class Loop:
             phi.add_incoming(value, before)
 
     def close(self, new: list[ir.Value]) -> None:
-        """End a pass with the `new` values, and continue behind the loop."""
+        """End a pass with the `new` values, and continue after the loop."""
         b = self._b
         index = b.add(self.index, 1)
         self.index.add_incoming(index, b.block)
@@ -420,7 +420,7 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class IndexTable:
-    """The table has `count` whole numbers of a module at an `address`."""
+    """The table has `count` constant integers of a module, stored at an `address`."""
 
     address: ir.Value
     count: int
@@ -433,7 +433,7 @@ class IndexTable:
 
 
 def constant_table(module: Module, values: Sequence[int]) -> IndexTable:
-    """Write whole numbers into a module."""
+    """Write constant integers into a module, and return their table."""
     kind = ir.ArrayType(I64, len(values))
     table = ir.GlobalVariable(module, kind, module.get_unique_name("table"))
     table.linkage, table.global_constant = "internal", True
@@ -442,7 +442,7 @@ def constant_table(module: Module, values: Sequence[int]) -> IndexTable:
 
 
 def _method(name: str) -> Any:
-    """Return a method that is an operation of the builder."""
+    """Return a method that writes the builder's operation `name`."""
 
     def method(*lanes: Vector) -> Vector:
         b = lanes[0].b
@@ -452,7 +452,7 @@ def _method(name: str) -> Any:
 
 
 def _operation(name: str, *, turned: bool = False) -> Callable[[Vector, Any], Any]:
-    """Return a method that writes an operation of the builder; a plain number becomes a constant."""
+    """Return a method that writes the operation `name`, with operands exchanged if `turned`."""
 
     def method(lane: Vector, other: Any) -> Any:
         if not isinstance(other, Vector | float | int):
@@ -481,7 +481,7 @@ class Vector(Number):
 
     def __pow__(self, power: int) -> Vector:
         if not isinstance(power, int) or power < 1:
-            raise TypeError("models are compiled: only whole powers from 1 on are known")
+            raise TypeError("models are compiled: an exponent must be a whole number of at least 1")
         result = self
         for _ in range(power - 1):
             result = result * self
@@ -491,11 +491,11 @@ class Vector(Number):
     signed = _method("signed")
 
     def below(self, other: Vector | float) -> Mask:
-        """Return in which lanes it is less than `other`; NaN is not."""
+        """Return in which lanes the number is less than `other`; NaN never is."""
         return Mask(self.b, self.b.fcmp_ordered("<", self.value, register(other)))
 
     def above(self, other: Vector | float) -> Mask:
-        """Return in which lanes it is greater than `other`; NaN is not."""
+        """Return in which lanes the number is greater than `other`; NaN never is."""
         return Mask(self.b, self.b.fcmp_ordered(">", self.value, register(other)))
 
 
@@ -512,21 +512,21 @@ class Mask(Choice):
     value: ir.Value
 
     def chosen(self, yes: Vector | float, no: Vector | float) -> Vector:
-        """Select `yes` in lanes where it is true, `no` in others."""
+        """Select `yes` in lanes where the mask is true, and `no` in the others."""
         return Vector(self.b, self.b.select(self.value, register(yes), register(no)))
 
     def both(self, other: Mask) -> Mask:
-        """Return its conjunction with another mask."""
+        """Return the logical and of both masks."""
         return Mask(self.b, self.b.and_(self.value, other.value))
 
     def negate(self) -> Mask:
-        """Return its negation."""
+        """Return the logical not of the mask."""
         return Mask(self.b, self.b.not_(self.value))
 
     def without(self, other: Mask) -> Mask:
-        """Return the lanes in which it is true and `other` is not."""
+        """Return the mask of lanes where this mask is true and `other` is false."""
         return self.both(other.negate())
 
     def either(self, other: Mask) -> Mask:
-        """Return its disjunction with another mask."""
+        """Return the logical or of both masks."""
         return Mask(self.b, self.b.or_(self.value, other.value))

@@ -1,20 +1,21 @@
 """Compute the response of linear rigs: the channels of groups of walkers, sample by sample.
 
-With z = (x, 1, u, slopes of u) a step is x(j + 1) = E(j) z(j).  E has the first rows of the
-matrix exponential over the step (`transitions`).  Channels are rows times z.  If derivatives are
-wanted, matrices, starts, rows and delays also have derivatives in one direction of the parameters.
+With z = (x, 1, u, du/dt) a step is x(j + 1) = E(j) z(j).  E has the first rows of the matrix
+exponential over the step (`transitions`).  A channel is a row times (x, 1).  If derivatives are
+wanted, matrices, starts, rows and delays have slopes: derivatives in a direction of the parameters.
 
-A late channel shows at time t its value at t - s.  On even times, s is a whole number of steps minus
-a fraction of a step, and the row is multiplied by the exponential over this fraction.  On uneven times
-the state at the knot before t - s is advanced by the rest.  Before the start, states change linearly.
+A channel with delay s shows at time t its value at t - s.  On even times, s is a whole number of
+steps minus a fraction of a step, and the row is multiplied by the exponential over this fraction.
+On uneven times the state at the knot before t - s is advanced by the remaining time.  Before the
+start, states change linearly.
 
-Rigs of more than ten states multiply matrices in loops (`multiply_large`).  On even times, one product
-then computes four samples (`Transitions.join_steps`).
+Rigs of more than ten states multiply matrices in loops (`multiply_large`).  On even times, one
+product then computes four samples (`Transitions.join_steps`).
 
 Sums of residuals are added up as channels are computed.  Otherwise channels are stored in planes
-`(rows, K)`: the values, then the slopes in each direction.  Planes are the output, or they become
-normal equations, a chunk of samples at a time that stays in the processor's cache.  One kernel can do
-both, because matrices take most of its code and of the time to compile it.
+`(rows, K)`: the values, then the slopes in each direction.  Planes are the output, or are reduced
+to normal equations in chunks of samples that fit into the processor's cache.  One kernel has code
+for both, because the matrices, which both need, take most of the code and compile time.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ from bayesdrill.rig.kernels.sums import SQUARES, Record, ResidualSums, Sample
 from bayesdrill.rig.kernels.transitions import InputHold, State, Transitions
 
 FARTHEST = 2.0**40  # largest delay in steps; larger ones have the same effect
-TILE, MOST_TOTALS = 2, 24  # planes that are loaded together; most sums that fit in registers
+TILE, MOST_TOTALS = 2, 24  # planes that are loaded together; largest number of sums in registers
 VALUES, SLOPES, BOTH = [0], [1], [0, 1]  # parts of a number
 
 
@@ -209,8 +210,8 @@ class _Writer:
     def _whiten(self, plane: ir.Value, first: ir.Value, rows: ir.Value) -> None:
         """Replace channels in a plane by whitened residuals, or their slopes by those of residuals.
 
-        Of three weights, the first multiplies a sample, and the second the observed sample before it,
-        which is subtracted.  The third multiplies the first sample of a channel.
+        With three weights s, the residual r_j becomes s_0 r_j - s_1 r_i, where i is the observed
+        sample before j.  The first residual r of a channel becomes s_2 r.
         """
         b, k_count = self.b, self.k
         scales = b.read_row(self.weights, SCALES * k_count)
@@ -232,7 +233,7 @@ class _Writer:
     def _white(
         self, sample: ir.Value, k: int, scales: Values, residual: ir.Value, last: ir.Value
     ) -> Values:
-        """Return a whitened residual, and the residual, which is `last` for the next sample."""
+        """Return the whitened residual, and the residual itself, the `last` of the next sample."""
         b = self.b
         later = b.fsub(b.fmul(residual, scales[0]), b.fmul(last, scales[1]))
         white = self.record.unless_first(sample, k, [later], [b.fmul(residual, scales[2])])
@@ -240,10 +241,10 @@ class _Writer:
 
 
 class _Walker:
-    """A walker emits code for its response, and for slopes in one direction of the parameters.
+    """A walker's writer has the code for the response, and for its slopes in one direction.
 
-    If only `VALUES` are advanced, states are kept in the trace. If only `SLOPES` are advanced, states
-    are read from there.
+    If only `VALUES` are advanced, states are stored in the trace. If only `SLOPES` are advanced,
+    states are read from the trace.
     """
 
     def __init__(self, w: _Writer, direction: Integer, parts: Sequence[int] = BOTH) -> None:
@@ -268,7 +269,7 @@ class _Walker:
         self.rows = self._rows()
 
     def numbers(self, name: str) -> list[Number]:
-        """Load the numbers of a part."""
+        """Load the numbers of a part, see `LinearShape.parts`."""
         sizes = self.shape.parts
         first = sum([*sizes.values()][: [*sizes].index(name)])
         values, *slopes = [
@@ -282,7 +283,7 @@ class _Walker:
         return self.bases if first < self.shape.with_slopes else self.bases[:1]
 
     def _rows(self) -> list[dict[int, Number]]:
-        """Return each channel's row, its entries by index of the state; the last index is the offset."""
+        """Return each channel's row: its weights by index of the state, and its offset at `self.x`."""
         numbers, count = self.numbers("rows"), self.x + 1
         return [
             {i: numbers[k * count + i] for i in range(count) if i == self.x or shows[i]}
@@ -290,7 +291,7 @@ class _Walker:
         ]
 
     def prepare(self) -> None:
-        """Store the transition matrices, the start, and rows of channels that are late."""
+        """Store the transition matrices, the start, and the rows of late channels."""
         b, a, shape = self.b, self.w.a, self.shape
         if shape.uneven:
             with b.if_then(b.icmp_signed(">=", a["high"], 0)):
@@ -313,7 +314,7 @@ class _Walker:
                 self.late_rows[k] = self._late_row(k, share)
 
     def _split(self, delay: Number, step: Vector) -> tuple[ir.Value, Number]:
-        """Return a delay as whole steps, rounded up, and the span by which these are longer."""
+        """Return a delay as a number of steps, rounded up, and the time by which the steps exceed it."""
         b = self.b
         count = -Vector(b, b.floor((dual(delay).value / (-step)).value))
         count = where(count.below(FARTHEST), count, FARTHEST)
@@ -410,7 +411,7 @@ class _Walker:
         return totals
 
     def _share(self, share: ir.Value, state: State, drive: InputHold) -> tuple[State, InputHold]:
-        """Advance by a share of the ladder's width; a negative share means none."""
+        """Advance by the fraction `share` of the ladder's width, or not at all if it is negative."""
         b, kind, count = self.b, self.kind, len(drive.inputs)
         default = [*kind.flat(state), *(u.value for u in drive.inputs)]
 
@@ -440,7 +441,7 @@ class _Walker:
     # Late channels.
 
     def _trace(self, knot: ir.Value, state: State, drive: InputHold) -> None:
-        """Keep the values of late channels at even times, or the state from which they follow."""
+        """Store the values of late channels at even times; at uneven times, store the state."""
         kept = state
         if not self.shape.uneven:
             entries = [*state, Vector(self.b, vector(1.0)), *drive.inputs, *drive.slopes]
@@ -485,14 +486,14 @@ class _Walker:
         return totals
 
     def _kept(self, place: ir.Value, count: int, n: int) -> Number:
-        """Load number n of the `count` that were kept at the knot of each lane."""
+        """Load number n of the `count` numbers that `_trace` has stored at the knot of each lane."""
         width = self.kind.width
         first = self.b.mul(place, count * width)
         places = [self.b.add(first, n * width + part) for part in range(width)]
         return self.kind.shaped([self.b.gather_lanes(self.w.trace, at) for at in places])[0]
 
     def _between(self, k: int, place: ir.Value, when: Number) -> Number:
-        """Return the value of channel k at a time after the knot of each lane."""
+        """Return the value of channel k at the time `when`, which is after the knot of each lane."""
         b, layout = self.b, self.w.layout
         state = [self._kept(place, self.x, i) for i in range(self.x)]
         columns = layout.size - self.x - 1

@@ -11,41 +11,41 @@ from bayesdrill.rig.kernels.lanes import NUMBERS, VECTORS, WHOLE
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.kernels.transitions import MAX_RUNGS, table_entries
 
-# G groups of LANES walkers; T samples; N knots (samples, and others after the last); q directions;
-# nodes of the table; rungs of the ladder from its width on, -1 if all spans are in the table;
-# 1 if signals are stored, else 0.
+# G groups of LANES walkers; T samples; N knots (the samples, and times after the last); q
+# directions; `nodes` are entries of the table. `high` is the number of ladder rungs of at least its
+# width, or -1 if all spans are in the table. `stored` is 1 if signals are stored, else 0.
 COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
 BLOCKS = {
-    "own": VECTORS,  # (G, numbers of `LinearShape.parts`, then `LinearShape.weights`)
-    "along": VECTORS,  # (G, q, numbers of `LinearShape.with_slopes`): slopes
+    "own": VECTORS,  # (G, numbers in `LinearShape.parts`, then `LinearShape.weights` numbers)
+    "along": VECTORS,  # (G, q, `LinearShape.with_slopes`): slopes of the first numbers of `own`
     "numbers": NUMBERS,  # width of the ladder; constant inputs
-    "spans": NUMBERS,  # spans of nodes
-    "chained": WHOLE,  # 1 if a node's span is that of the node before plus a width
+    "spans": NUMBERS,  # span of each node
+    "chained": WHOLE,  # 1 if a node's span is that of the node before, plus the width
     "node": WHOLE,  # (N,) node of the step from each knot
-    "share": NUMBERS,  # (N,) of a width by which that step is longer than its node, -1 for none
-    "t": NUMBERS,  # (N + 1,), the last infinity
+    "share": NUMBERS,  # (N,) excess of that step over its node's span, in widths; -1 for none
+    "t": NUMBERS,  # (N + 1,) times of knots; the last is infinite
     "u": NUMBERS,  # (N, S or 2 S): sampled inputs and, with a first-order hold, their slopes
     "y": NUMBERS,  # (T, K)
     "begin": WHOLE,  # (K,) first observed sample of each channel
-    "places": WHOLE,  # where the parts of `SCRATCH` begin
+    "places": WHOLE,  # offset of each part of `SCRATCH`
     "scratch": VECTORS,
-    "out": VECTORS,  # (G, planes, T, K); (G, K, n) sums; or (G, K + (1 + q)^2), see `_add_products`
+    "out": VECTORS,  # (G, planes, T, K) signals; (G, K, n) sums; (G, K + (1 + q)^2) products
 }
 SCRATCH = ("table", "states", "rungs", "planes", "last residuals", "trace")
 SCALES = 3  # scales of a channel's residuals, see `simulators.contract.whitening_scales`
 ROWS = 64  # samples of a chunk
-JOINED = 4  # samples per step of large matrices; it divides ROWS
+JOINED = 4  # samples per step of large matrices; a divisor of ROWS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinearShape:
     """A kernel is specialised for this structure of a record.
 
-    `rows (K, X)` says which states a channel shows; their weights, and offsets, are numbers of each
-    walker. `late (K,)` says which channels are late. `uneven` says that steps differ, or that there
-    is none. The kernel has sums of a `tally` or, if that is None, normal equations, for which numbers
-    have slopes. That of sums of squares, and that of normal equations, has signals too. `sensed` says
-    that starts and rows have slopes, which perfect sensors never need.
+    `rows (K, X)` says which states a channel shows; their weights, and offsets, differ between
+    walkers. `late (K,)` says which channels are late. `uneven` says that steps differ, or that
+    there is no step. The kernel computes the sums of a `tally` or, without one, normal equations,
+    for which numbers have slopes. Kernels of `SQUARES` and of normal equations can store signals
+    instead. `sensed` says that starts and rows have slopes, never needed with perfect sensors.
     """
 
     layout: Layout
@@ -74,43 +74,43 @@ class LinearShape:
 
     @property
     def joined(self) -> int:
-        """Return the samples per step: large matrices multiply several samples at once faster."""
+        """Return the samples per step; large matrices are faster with several samples at once."""
         plain = self.layout.large and not (self.uneven or any(self.late))
         return JOINED if plain else 1
 
     @property
     def joined_sizes(self) -> tuple[int, int]:
-        """Return rows and columns of the matrix of such a step, see `Transitions.join_steps`."""
+        """Return rows and columns of the matrix of `joined` samples, see `Transitions.join_steps`."""
         x = self.layout.n_states
         drives = self.layout.size - x - 1
         return x + self.joined * self.channels, x + 1 + self.joined * drives
 
     @property
     def table_numbers(self) -> int:
-        """Return how many numbers a node of the table has."""
+        """Return how many numbers the table has for each node."""
         joined = math.prod(self.joined_sizes) if self.joined > 1 else 0
         return len(table_entries(self.layout)) + joined
 
     @property
     def parts(self) -> dict[str, int]:
-        """Return how many numbers each part of a walker has, in their order."""
+        """Return how many numbers of a walker each part has, in the order of storage."""
         x, k = self.layout.n_states, self.channels
         parts = {"parameters": self.layout.n_parameters, "start": x, "rows": k * (x + 1)}
         return parts | ({"before": x, "delay": k} if any(self.late) else {})
 
     @property
     def with_slopes(self) -> int:
-        """Return how many of these numbers, from the first on, have slopes in such a kernel."""
+        """Return how many of the first numbers of `parts` have slopes, in a kernel with slopes."""
         return sum(self.parts.values()) if self.sensed else self.layout.n_parameters
 
     @property
     def weights(self) -> int:
-        """Return how many numbers have no slopes: weights of a tally, or scales of residuals."""
+        """Return how many numbers follow `parts`: weights of a tally, or scales of residuals."""
         return self.channels * (SCALES if self.tally is None else self.tally.weights)
 
     @property
     def single_chunk(self) -> bool:
-        """Return whether all samples are one chunk, so that directions are computed in turn."""
+        """Return whether all samples are one chunk, computed for one direction after the other."""
         return self.tally is not None or any(self.late) or self.uneven
 
     @property
@@ -119,7 +119,7 @@ class LinearShape:
         return self.slopes and not self.single_chunk and self.joined == 1
 
     def scratch(self, counts: Mapping[str, int]) -> tuple[int, ...]:
-        """Return the vectors of each part of `SCRATCH`, for a run with these `COUNTS`."""
+        """Return the size of each part of `SCRATCH`, in vectors, for a run with these `COUNTS`."""
         width, x, k = 2 if self.slopes else 1, self.layout.n_states, self.channels
         count, directions = 1 + counts["directions"], max(1, counts["directions"])
         copies = 1 if self.single_chunk else directions

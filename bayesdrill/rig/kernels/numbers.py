@@ -1,6 +1,6 @@
-"""Define numbers of kernels, in registers with or without slopes, and small matrices of them.
+"""Define the numbers of kernels, which may have slopes, and small matrices of numbers.
 
-A number with a slope takes two vectors, its value and its slope.
+A number is one vector, or two vectors: its value, and its slope (a directional derivative).
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
 )
 
-Number = Any  # a Vector, or a Dual of them
+Number = Any  # a Vector, or a Dual of two Vectors
 Column = Mapping[int, Number]
 
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """A kind of numbers is stored as registers or, with `slopes`, as pairs of them."""
+    """A kind of numbers has one register for each number or, with `slopes`, two."""
 
     b: Builder
     slopes: bool
 
     @property
     def width(self) -> int:
-        """Return the vectors of one number."""
+        """Return how many vectors a number takes."""
         return 2 if self.slopes else 1
 
     def flat(self, numbers: Sequence[Number]) -> list[ir.Value]:
-        """Return the registers of numbers, slopes after values."""
+        """Return the registers of numbers: all values, then all slopes."""
         if not self.slopes:
             return [*map(register, numbers)]
         duals = [*map(dual, numbers)]
         return [register(d.value) for d in duals] + [register(d.slope) for d in duals]
 
     def shaped(self, registers: Sequence[ir.Value]) -> list[Number]:
-        """Return the numbers of which `flat` gave the registers."""
+        """Return numbers from their registers, as the inverse of `flat`."""
         lanes = [Vector(self.b, value) for value in registers]
         n = len(lanes) // 2
         return [*map(Dual, lanes[:n], lanes[n:])] if self.slopes else [*lanes]
@@ -60,7 +60,7 @@ class Numbers:
     # Numbers in memory take `width` vectors each.
 
     def at(self, base: ir.Value, index: Integer) -> ir.Value:
-        """Return the address of a number, or of the first of a row."""
+        """Return the address of number `index` of a block."""
         known = isinstance(index, int)
         return self.b.offset(base, index * self.width if known else self.b.mul(index, self.width))
 
@@ -73,11 +73,11 @@ class Numbers:
         self.b.write_row(self.flat([number]), self.at(base, index))
 
     def row(self, base: ir.Value, count: int, first: int = 0) -> list[Number]:
-        """Load `count` numbers of a block, from the `first` on."""
+        """Load `count` numbers of a block, from number `first` on."""
         return [self.get(base, first + k) for k in range(count)]
 
     def put_row(self, numbers: Iterable[Number], base: ir.Value, first: int = 0) -> None:
-        """Store numbers of a block, from the first on."""
+        """Store numbers in a block, from number `first` on."""
         for index, number in enumerate(numbers, start=first):
             self.put(number, base, index)
 
@@ -96,7 +96,7 @@ class Numbers:
     ) -> list[Number]:
         """Return `other` in lanes of the mask, `default` elsewhere.
 
-        The code of `other` runs only where the mask is true in any lane.
+        The code of `other` runs only if the mask is true in any lane.
         """
 
         def blended() -> list[Number]:
@@ -107,7 +107,7 @@ class Numbers:
     def replace_if_any(
         self, mask: Mask, default: list[Number], other: Callable[[], list[Number]]
     ) -> list[Number]:
-        """Return `other` in all lanes if the mask is true in any, else `default`."""
+        """Return `other` in all lanes if the mask is true in any lane, else `default`."""
         old, wanted = self.flat(default), self.b.anywhere(mask.value)
         new = self.b.replace_if(wanted, old, lambda: self.flat(other()), likely=False)
         return self.shaped(new)
@@ -116,9 +116,9 @@ class Numbers:
 def sum_products(
     start: Number, terms: Sequence[tuple[Number, Number]], *, halved: bool = True
 ) -> Number:
-    """Return `start` plus the sum of products, in two halves that run in parallel.
+    """Return `start` plus the sum of products, as two partial sums that run in parallel.
 
-    Without halves it takes fewer registers, which is faster where other work fills the pipelines.
+    If not `halved`, it takes fewer registers, which is faster where other work fills the pipelines.
     """
     half = (len(terms) + 1) // 2 if halved else len(terms)
     first = start
@@ -133,7 +133,7 @@ def sum_products(
 
 
 def multiply_add(factor_a: Number, factor_b: Number, sum_: Number) -> Number:
-    """Return factor_a * factor_b + sum_; a slope of 0.0 counts as none."""
+    """Return factor_a * factor_b + sum_, without the terms of slopes that are the constant 0.0."""
     if not any(isinstance(number, Dual) for number in (factor_a, factor_b, sum_)):
         return _lane(factor_a, factor_b, sum_)
     a, b, before = map(dual, (factor_a, factor_b, sum_))
@@ -174,12 +174,12 @@ def slip_direction(speed: Number) -> Vector:
 
 
 def is_sticking(direction: Vector) -> Mask:
-    """Return where a direction is that of rest."""
+    """Return where a direction is zero, that is where a friction sticks."""
     return Mask(direction.b, direction.b.fcmp_ordered("==", direction.value, vector(0.0)))
 
 
 def keeps_direction(direction: Vector, speed: Number) -> Mask:
-    """Return where a speed has the sign it had; false where it was at rest."""
+    """Return where a speed has the sign `direction`; false where the direction is zero."""
     product = direction.b.fmul(direction.value, dual(speed).value.value)
     return Mask(direction.b, direction.b.fcmp_unordered(">", product, vector(0.0)))
 
@@ -189,7 +189,7 @@ MIN_RELATIVE_PIVOT = 1e-13  # relative to the diagonal: smaller pivots are round
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """A number has its value in one block of memory and any slope in another."""
+    """The blocks are one with values and, if numbers have slopes, one with slopes."""
 
     b: Builder
     bases: tuple[ir.Value, ...]
@@ -237,7 +237,7 @@ def plus(matrix: Matrix, number: Number) -> Matrix:
 
 
 def inverted(matrix: Matrix) -> Matrix:
-    """Return the inverse by Gauss and Jordan, without pivots."""
+    """Return the inverse, by Gauss-Jordan elimination without pivoting."""
     rows = [[*row] for row in matrix]
     for i, row in enumerate(rows):
         over = 1.0 / row[i]
@@ -259,7 +259,7 @@ def multiply(
     *,
     slopes: bool = False,
 ) -> None:
-    """Store the product of `a (m, inner)` and `other (inner, n)`; `sizes`: m, inner, n."""
+    """Store the product of `a (m, inner)` and `other (inner, n)`; `sizes` is (m, inner, n)."""
     (m, inner, n), memory = sizes, Numbers(b, slopes)
     for i, count in strips(b, m, 3):  # each entry of `other` is read once for a strip of rows
         begin, into = (memory.at(base, b.mul(i, size)) for base, size in ((a, inner), (out, n)))
@@ -299,7 +299,7 @@ def multiply_large(
 
 
 def strips(b: Builder, count: int, size: int) -> Iterator[tuple[Integer, int]]:
-    """Yield begin and size of strips of a count; those of equal size share one loop."""
+    """Yield begin and size of each strip of `count` rows; all full strips share one loop."""
     if count >= size:
         with b.loop(count // size, "strips") as strip:
             yield b.mul(strip, size), size
@@ -319,9 +319,9 @@ def multiply_symmetric(
     adds: bool = False,
     slopes: bool = False,
 ) -> None:
-    """Store a product, all (n, n): out = a other', or a' other if `transposed`.
+    """Store a product of matrices (n, n): out = a other', or a' other if `transposed`.
 
-    The product is known to be symmetric: only the lower half is computed, and copied. With `adds`
+    The product must be symmetric: only its lower half is computed, and mirrored. With `adds`
     the product is added to `out`.
     """
     memory = Numbers(b, slopes)
@@ -372,8 +372,8 @@ def factorise(b: Builder, out: ir.Value, a: ir.Value, n: int) -> None:
 def decompose(b: Builder, out: ir.Value, a: ir.Value, determinant: ir.Value, n: int) -> None:
     """Store L and U with L U = a (n, n) in one matrix, and the determinant.
 
-    L is without its diagonal of ones; U has the inverse of its diagonal.  Without pivoting, as for
-    one plus a product of two covariances, where pivots are as good in their order as in any.
+    The diagonal of L, all ones, is not stored, and that of U is stored inverted.  There is no
+    pivoting: the matrices are one plus a product of two covariances, which do not need it.
     """
     entries = {(i, j): Vector(b, b.read(a, i * n + j)) for i in range(n) for j in range(n)}
     total = Vector(b, vector(1.0))
@@ -402,7 +402,7 @@ def solve(b: Builder, out: ir.Value, lu: ir.Value, x: ir.Value, n: int, m: int) 
         ]
 
         def take(i: int, j: int) -> None:
-            """Subtract from row i its component of row j."""
+            """Subtract entry (i, j) times row j from row i."""
             minus, rows = -entry[i, j], zip(solution[j], solution[i], strict=True)
             solution[i] = [multiply_add(minus, *pair) for pair in rows]
 

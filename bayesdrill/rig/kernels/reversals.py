@@ -3,24 +3,24 @@
 Between events each friction slips one way or sticks, the rig is linear, and a step is exact
 (`friction`).  One kind of event is the zero crossing of a sliding speed, after which the friction
 sticks or slips the other way.  The other kind is the moment when the effort that sticking requires
-exceeds the friction at rest, so that it slips.
+exceeds the friction at rest, so that slip begins.
 
-Events are not located in time: no root is sought, and no step ends at one.  A step with an event is
-made in parts, and in each part a mean effort replaces that of the friction:
+Events are not located in time: no root is sought, and no step ends at an event.  A step with an
+event is divided into parts, and in each part a constant mean effort replaces the friction's effort:
 
-- a zero crossing: the mean of the efforts of both signs, each for as long as it acts if the speed
-  falls to zero along a straight line;
+- a zero crossing: the mean of the efforts before and after the crossing, weighted by their durations
+  if the speed falls along a straight line;
 - slip to stick: the effort that brings the speed to zero at the end of the part;
-- stick to slip: the required effort, until it reaches the friction at rest, and then the sliding
-  friction. The required effort is taken as two straight lines.
+- stick to slip: the mean of the required effort until it reaches the friction at rest, and of the
+  sliding friction after that. The required effort is approximated by two straight lines in time.
 
-Over a part of length h the impulse of the mean effort differs from the true one by O(h^2), and so does
-the motion that it causes within the part.  So an event leaves an error of O(h^2) in the state, and a
-record with finitely many events has one of second order in the step (`docs/rigs.md`, dry friction).
+Over a part of length h the impulse of the mean effort has an error of O(h^2), and so has the motion
+within the part.  So an event leaves an error of O(h^2) in the state.  A record with finitely many
+events has an error of second order in the step (`docs/rigs.md`, dry friction).
 
-Steps are short because the size of friction falls with the speed.  If every speed is so high that the
-size has settled, and stays far from zero, one long step to the next sample is exact.  A friction that
-sticks always takes short steps: in a long one its speed would be zero at both ends alone.
+Steps are short because the size of friction falls with the speed.  If every speed stays so high
+that the sizes are constant, one long step to the next sample is exact.  While a friction sticks,
+steps are always short: a long step would make its speed zero at the ends of the step only.
 """
 
 from __future__ import annotations
@@ -83,10 +83,7 @@ def advance_step(
 
 @dataclass(frozen=True, slots=True)
 class RestState:
-    """At the beginning of a step, frictions have a holding `effort`, and `sizes` at rest.
-
-    The effort is what keeps the friction's speed at zero.
-    """
+    """At the beginning of a step, a friction needs a holding `effort`, and has `sizes` at rest."""
 
     effort: Number
     sizes: Sizes
@@ -94,10 +91,10 @@ class RestState:
 
 @dataclass(frozen=True, slots=True)
 class ReversalStep:
-    """A step with events is one where speeds may cross zero, and frictions may stick or slip.
+    """A step with events is one in which speeds may cross zero, and frictions may stick or slip.
 
-    It has `count` parts. Each is one `step`, a `share` of the whole. Within the whole step, other
-    states such as a fast current need not be as straight as a speed.
+    It is divided into `count` parts, each a `step` over the fraction `share` of the whole. Over the
+    whole step a fast state, such as a current, may be far from the straight line that is assumed.
     """
 
     step: Step
@@ -106,19 +103,19 @@ class ReversalStep:
 
     @property
     def _order(self) -> list[int]:
-        """Return the order in which efforts are computed, each from the others so far.
+        """Return the order in which efforts are computed, each from the latest values of the others.
 
-        At first efforts are those without a reversal. Those that stop a current come first, and
-        once more at the end, as current and motor strongly affect each other.
+        The initial values assume no reversal. Efforts against a current, which has no angle, come
+        first. With such an effort the order is repeated, as current and motor are strongly coupled.
         """
         angles = [friction.angle for friction in self.step.frictions]
         order = sorted(range(len(angles)), key=lambda e: angles[e] is not None)
         return order * (1 + (None in angles))
 
     def advance(self, now: StepStart, *, shows: bool) -> list[Number]:
-        """Return new state, mean efforts if they are shown, sizes that vary, and their trends.
+        """Return new state, mean efforts if they are shown, varying sizes, and their trends.
 
-        After a reversal there are no trends.
+        After a reversal the trends are zero.
         """
         step, kind = self.step, self.step.kind
         x, v = len(now.state), len(step.varying)
@@ -138,10 +135,10 @@ class ReversalStep:
         return result
 
     def _whole(self, now: StepStart, *, shows: bool) -> list[Number]:
-        """Return what `advance` returns, for one part."""
+        """Return the result of one part, as `advance` does for the whole step."""
         step, state, drive, inputs = self.step, now.state, now.drive, now.inputs
         rest_sizes = step.rest_sizes(state, inputs)
-        sizes = [*rest_sizes]  # of what differs by direction, as its past is of one direction alone
+        sizes = [*rest_sizes]  # kept if they differ by direction: only one past size is known
         for e, magnitude in zip(step.varying, now.past.sizes, strict=True):
             if not sizes[e].differ:
                 sizes[e] = Sizes(magnitude, magnitude)
@@ -166,7 +163,7 @@ class ReversalStep:
         sizes: list[Sizes],
         at_rest: list[RestState],
     ) -> tuple[list[Number], list[Mask]]:
-        """Return the efforts, and the lanes where they allow slip; `drive` is that at the step's end."""
+        """Return the efforts, and where each friction slips; `drive` is that at the end of the step."""
         speeds = [state[friction.row] for friction in self.step.frictions]
         known = [
             where(is_moving(speed), signed(most.along(speed), speed), at.effort)
@@ -197,20 +194,20 @@ class ReversalStep:
     ) -> tuple[Number, Mask]:
         """Return the mean effort over a step that begins in slip, and whether it ends in slip.
 
-        `stop` is the effort that would make the speed zero. Take signs so that the speed is not
-        negative, and units of the effort. If stop > most, the speed stays positive. Otherwise it
-        crosses zero after a share of the step. It sticks if the effort that drives it there, stop -
-        speed, is no more than friction can hold. If it is more, it slips backwards.
+        `stop` is the effort that would make the speed zero at the end of the step. Let the speed v
+        be positive, in units of the effort. If `stop` exceeds the size of the friction, v stays
+        positive. Otherwise v crosses zero within the step, where the effort v - stop drives it
+        backwards. The friction sticks if this effort is at most its size at rest. Else it slips.
         """
         back, most = below(speed, 0.0), sizes.along(speed)
         ahead, rate = where(back, -stop, stop), size(speed) * over
-        against = rate - ahead + most  # the effort that drives it backwards, plus the friction
+        against = rate - ahead + most  # the effort that drives it backwards, plus sliding friction
         beyond = at_rest.sizes.along(speed, back=True)
         keeps, passes = above(ahead, most), above(against, most + beyond)
         turned = where(keeps, most, ahead)
 
         def reversed_effort() -> list[Number]:
-            share = rate / against  # of the step until the crossing
+            share = rate / against  # fraction of the step before the crossing
             if not sizes.differ:
                 return [most * (share * 2.0 - 1.0)]
             other = sizes.along(speed, back=True)
@@ -224,8 +221,8 @@ class ReversalStep:
     ) -> tuple[Number, Mask]:
         """Return the mean effort over a step that begins in stick, and where it slips at the end.
 
-        The effort to be held goes from `at_rest.effort` to `later`, with mean `stop`. Once it
-        exceeds the size at rest, the speed slips under `most`.
+        The required effort goes from `at_rest.effort` to `later`, with the mean `stop`. Once it
+        exceeds the size at rest, the friction slips with the size in `sizes`.
         """
         back, most, held = below(stop, 0.0), sizes.along(stop), at_rest.sizes.along(stop)
         efforts = (stop, at_rest.effort, later)
@@ -233,7 +230,7 @@ class ReversalStep:
         slips = above(last, held).either(above(mean, held))
 
         def slipping() -> list[Number]:
-            # The course is two straight lines: from the first to the middle, and on to the last.
+            # The required effort is two straight lines in time: first to middle, then to last.
             middle = (mean * 6.0 - first - last) * 0.25
             halves = [_beyond(*ends, held) for ends in ((first, middle), (middle, last))]
             share = (halves[0][0] + halves[1][0]) * 0.5
@@ -247,7 +244,7 @@ class ReversalStep:
     def _moved(
         self, free: list[Number], efforts: list[Number], only: Sequence[int] | None = None
     ) -> list[Number]:
-        """Return all states with efforts applied; with `only`, only those states are right."""
+        """Return the states with efforts applied; if given, `only` lists the states that are needed."""
         new = list(free)
         for friction, effort in zip(self.step.frictions, efforts, strict=True):
             for i in (i for i in friction.column if only is None or i in only):
@@ -261,7 +258,7 @@ class ReversalStep:
         return new
 
     def _held(self, new: list[Number], old: list[Number], slips: list[Mask]) -> list[Number]:
-        """Keep the angles of speeds that were and are zero."""
+        """Restore the old angles where the speeds were and are zero."""
         for friction, moves in zip(self.step.frictions, slips, strict=True):
             if friction.angle is not None:
                 moved = moves.either(is_moving(old[friction.row]))
@@ -270,7 +267,7 @@ class ReversalStep:
 
 
 def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]:
-    """Return the share of a straight line beyond a limit, and its mean excess over all of it."""
+    """Return the fraction of a straight line above a limit, and the mean of max(line - limit, 0)."""
     begins, ends, rises = above(first, limit), above(last, limit), above(last, first)
     far, near = where(rises, last, first), where(rises, first, last)
     crosses = begins.either(ends).without(begins.both(ends))
@@ -279,7 +276,7 @@ def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]
     return share, over
 
 
-SETTLED_EXPONENT = 18.0  # exponent of the decay: exp(-18) = 2e-8 of the excess at rest remains
+SETTLED_EXPONENT = 18.0  # a size is constant once exp(-18) = 2e-8 of its excess at rest remains
 
 
 def advance_stride(
@@ -287,8 +284,9 @@ def advance_stride(
 ) -> list[Number]:
     """Return the numbers that are carried to the next sample.
 
-    `mode` is that of a step of a whole sample. If the step is `wanted`, lanes that slip far from
-    any change take it. All others take `steps`, whose code runs only if there are such lanes.
+    `mode` is that of a long step from sample to sample. If the long step is `wanted`, lanes take it
+    in which all frictions slip far from any event. The code of `steps` runs only if there are other
+    lanes, which take these steps.
     """
     step, state, past, directions = mode.step, now.state, now.past, mode.directions()
 
@@ -315,7 +313,7 @@ def advance_stride(
 
 
 def _falling(step: Step, state: Sequence[Number]) -> Iterator[Mask]:
-    """Return where sizes still change with the speed."""
+    """Return for each varying size where it still changes with the speed."""
     for _, fallen in _spent(step, state):
         yield below(fallen, SETTLED_EXPONENT)
 
@@ -331,7 +329,7 @@ def _spent(step: Step, state: Sequence[Number]) -> Iterator[tuple[Number, Number
 def _near_zero(
     step: Step, state: Sequence[Number], new: Sequence[Number], directions: Sequence[Vector]
 ) -> Iterator[Mask]:
-    """Return where a zero crossing is possible: a speed changes by more than its remaining size."""
+    """Return where a speed may cross zero: its change exceeds its magnitude at an end of the step."""
     for friction, direction in zip(step.frictions, directions, strict=True):
         change = size(new[friction.row] - state[friction.row])
         for end in (state, new):

@@ -1,10 +1,10 @@
-"""Advance a rig with a servo, whose loop is open while it saturates or is in its dead band.
+"""Advance a rig with a servo, whose loop is open while the servo saturates or is in its dead band.
 
-In each lane a step has the matrix of the closed or of the open loop, by the wanted voltage at its
-beginning; both are exact.  The passage from one to the other is not located in time.  In such a step
-the voltage departs from that of the matrix along a straight line.  The mean of this difference acts
-over the whole step, which leaves an error of second order.  In the same way, the difference of a
-measured supply from the usual one acts by the mean of both ends.
+In each lane a step has the matrix of the closed or the open loop, depending on the wanted voltage
+at the beginning of the step; both are exact.  The time at which the loop opens or closes is not
+located.  In such a step the voltage departs from that of the matrix along a straight line.  The
+mean of this difference acts over the whole step, which leaves an error of second order.  If the
+supply is measured, its difference from the usual supply acts by the mean of both ends.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from bayesdrill.rig.kernels.lanes import Mask
 from bayesdrill.rig.kernels.numbers import Column, Number, sum_products
 from bayesdrill.rig.models.servo import Saturation
 
-NO_CHANGE = 1e-300  # volts, so that nothing is divided by zero where no voltage changes
+NO_CHANGE = 1e-300  # volts, added to a divisor that is zero where the voltage is constant
 
 
 @dataclass(frozen=True, slots=True)
 class ServoLoop:
     """The loop of a servo gives its voltage within a step.
 
-    `column` is that of its voltage among the drives.  `row` and `base` give the wanted voltage from
-    states and drives.
+    `column` is the column of the voltage among the drives.  The wanted voltage is `row` times
+    states and drives, plus `base`.
     """
 
     law: Saturation
@@ -45,15 +45,15 @@ class ServoLoop:
         return mask
 
     def beyond_matrix(self, wanted: Number, closed: Mask, level: Number | None = None) -> Number:
-        """Return the voltage minus that of the matrix of the loop."""
+        """Return the voltage minus the voltage that the matrix of the loop includes."""
         voltage = self.law.voltage(self.parameters, wanted)
         acting = voltage if level is None else voltage * level
         return where(closed, acting - wanted, acting)
 
     def mean_beyond(self, begin: Number, end: Number, closed: Mask, level: Number | None) -> Number:
-        """Return the mean over a step of the voltage minus that of the matrix.
+        """Return the mean of `beyond_matrix` over a step.
 
-        The wanted voltage goes from `begin` to `end`, and leaves the range in which it began on the way.
+        The wanted voltage goes from `begin` to `end`, and may leave the loop's range on the way.
         """
         first = self.beyond_matrix(begin, closed)
         missing = self.beyond_matrix(end, closed) - first
@@ -66,7 +66,7 @@ class ServoLoop:
 
 
 def merged_step(closed: Mask, first: Step, second: Step) -> Step:
-    """Return the step that is the first where the loop is closed, and else the second."""
+    """Return a step that is `first` in lanes where the loop is closed, and `second` in others."""
     rows = [_merged(closed, *both) for both in zip(first.rows, second.rows, strict=True)]
     pairs = zip(first.frictions, second.frictions, strict=True)
     frictions = [

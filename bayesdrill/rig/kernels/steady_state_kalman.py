@@ -3,19 +3,19 @@
 The Riccati equation is solved by doubling (Anderson 1978), and the start is exact.
 
 A block of 2^j samples has a transition B and two matrices.  H is the covariance of the state after
-it, given the state before it.  G is the information of its samples on the state before it.  Two
-equal blocks make one of twice the length:
+the block, given the state before it.  G is the information of the block's samples on the state
+before it.  Two equal blocks make a block of twice the length:
 
     B <- B E        E = (1 + H G)^-1 B
     G <- G + B' G E
     H <- H + B (1 + H G)^-1 H B'
 
 until H is the steady-state covariance P.  Blocks are combined by the binary digits of the record's
-length: a block followed by the information G' has the information G + B' G' (1 + H G')^-1 B.
+length: a block and later samples of information G_2 have G + B' G_2 (1 + H G_2)^-1 B together.
 
-With the gain of P the filter is the recurrence of the response.  Each channel of a sample updates
-x <- x + k (y - c x), and the prediction is x <- Phi x + g + G u.  The start has another covariance
-than P.  This is corrected at the end, from the information of all samples on the start, see
+With the constant gain of P the filter is a linear recurrence.  Each channel of a sample updates
+x <- x + k (y - c x), and the prediction is x <- Phi x + g + Gamma u.  The covariance at the start
+differs from P.  This is corrected at the end, from the information of all samples on the start, see
 `_correct_start`.
 """
 
@@ -60,26 +60,26 @@ from bayesdrill.rig.kernels.numbers import (
 )
 from bayesdrill.rig.kernels.transitions import InputHold, State, Step, Transitions
 
-# Doublings: at least 128 samples, and more than any record has.
+# Numbers of doublings: for at least 2^7 = 128 samples, and for more than any record has.
 MIN_DOUBLINGS, MAX_DOUBLINGS = 7, 44
-# Relative to a sample's variance: largest addition of one more doubling.
+# Largest addition of the next doubling to a channel's variance, relative to this variance.
 COVARIANCE_TOLERANCE = 1e-14
-# Relative to a sum: once a block adds less than this, one of twice its length adds nothing.
+# Once a block adds less than this fraction of the information, a block twice as long adds nothing.
 INFORMATION_TOLERANCE = 1e-15
 
 
 def _products(
     b: Builder, system: StateSpace, weights: ir.Value, k: int
 ) -> Iterator[tuple[int, Vector]]:
-    """Yield products of two weights of channel k, by index in a matrix."""
+    """Yield the products of any two weights of channel k, by index in a matrix (n, n)."""
     shown = system.weights(b, weights, k)
     for i, weight in shown.items():
         for j, other in shown.items():
             yield i * system.n + j, weight * other
 
 
-# Addresses of the matrices P, Phi, Q, G and A (n, n), of gains (see `Gains`), `variances` of noise
-# and `weights`; and of pulls `(K, n)`, the innovation's slope in the state over its variance.
+# Addresses of the matrices P, Phi, Q, G and A (n, n), gains (see `Gains`), `variances` of noise,
+# `weights`, and pulls `(K, n)`: dc/dx / S of predicted channels c with innovation variance S.
 Addresses = dict[str, ir.Value]
 
 
@@ -88,8 +88,8 @@ def _solve_riccati(
 ) -> None:
     """Store P, G, A, gains and pulls, for given Phi and Q.
 
-    G is the information of all samples. `first (1,)` is the number of samples with any information
-    on the start.
+    G is the information of all samples. `first (1,)` is the number of samples, counted from the
+    start, that add information on the start.
     """
     n, b = system.n, m.b
     transition_a, transition_b, information = (m.room(n * n) for _ in range(3))
@@ -137,9 +137,9 @@ def _double(
 ) -> tuple[ir.Value, ir.Value]:
     """Store the `following` B, and G (`information`) and H (`p`), for twice as many steps.
 
-    Returns `grown (K,)`, which says whether doubling should continue. It is true if G has grown by
-    more than rounding, and may grow more. It is also true if any channel would notice the next
-    addition to H. That addition is at most this one, times the ratio of this one to the one before.
+    Returns whether G has grown by more than rounding, and whether the next addition to H may change
+    the variance of any channel. With the latest additions a_j to this variance, the next is at most
+    a_j^2 / a_j-1. `grown (K,)` stores a_j.
     """
     n, b, p, information = system.n, m.b, at["p"], at["information"]
     lu, x, e, more = (m.room(n * n) for _ in range(4))
@@ -178,7 +178,7 @@ def _decompose_sum(
     lu: ir.Value,
     determinant: ir.Value,
 ) -> None:
-    """Store 1 + P G, and its decomposition."""
+    """Store 1 + P G, its decomposition `lu`, and its determinant."""
     multiply(m.b, total, p, g, (n, n, n))
     _add_one(m, n, total)
     decompose(m.b, lu, total, determinant, n)
@@ -190,7 +190,7 @@ def _add_one(m: Numbers, n: int, x: ir.Value) -> None:
 
 
 def _prepend(m: Numbers, n: int, at: Addresses, transition: ir.Value) -> None:
-    """Put the block B, G, H before one with the information `g`, which becomes that of both."""
+    """Put the block B, G, H before samples with information `g`; store that of both in `g`."""
     b, end = m.b, at["g"]
     lu, x, e = (m.room(n * n) for _ in range(3))
     _decompose_sum(m, n, at["p"], end, x, lu, m.room(1))
@@ -201,7 +201,7 @@ def _prepend(m: Numbers, n: int, at: Addresses, transition: ir.Value) -> None:
 
 
 def _store_gains(m: Numbers, system: StateSpace, at: Addresses) -> None:
-    """Store gains, pulls, and A."""
+    """Store gains, pulls, and the transition A of the filter's error."""
     n, b = system.n, m.b
     gains = Gains(m, system, at["gains"], at["weights"])
     updated, closed_loop = m.room(n * n), m.room(n * n)
@@ -224,15 +224,14 @@ def _store_gains(m: Numbers, system: StateSpace, at: Addresses) -> None:
 def _correct_start(
     m: Numbers, n: int, at: Addresses, start: ir.Value, shown: ir.Value, determinant: ir.Value
 ) -> Number:
-    """Correct the covariance of the start, P, to `start`, P0.
+    """Correct for the covariance P0 (`start`) of the start, which the filter takes as P.
 
-    Store the determinant of the covariance of whitened residuals, and return what the start adds to
-    the sum of squares:
+    Return the first term, which is added to the sum of squares.  Store the second, the determinant
+    of the covariance of the whitened residuals:
 
         b' (1 + P G) (1 + P0 G)^-1 (P - P0) b        det(1 + P0 G) / det(1 + P G)
 
-    The residuals are independent if the start has the covariance P, but it has P0.  `b (n,)` is the
-    score of the start from all residuals.
+    With P the residuals would be independent.  `b (n,)` is their score of the start.
     """
     b, p, g = m.b, at["p"], at["g"]
     settled, known, lu = (m.room(n * n) for _ in range(3))
@@ -251,25 +250,25 @@ def _correct_start(
 
 COUNTS = ("groups", "samples", "lead")  # lead: 1 if the start is before the first sample, else 0
 BLOCKS = {
-    "told": VECTORS,  # (G, P + K): parameters, variances
-    "spans": NUMBERS,  # step, and span from the start to the first sample
+    "told": VECTORS,  # (G, P + K): parameters, variances of noise
+    "spans": NUMBERS,  # (2,): step, and span from the start to the first sample
     "constants": NUMBERS,  # constant inputs
     "start": NUMBERS,  # (n,)
     "weights": NUMBERS,  # (K, n) weights of states in channels
     "y": NUMBERS,  # (T, K)
     "u": NUMBERS,  # (T, S or 2 S): sampled inputs and, with a first-order hold, their slopes
-    "shown": VECTORS,  # scratch (T / `BLOCK_SAMPLES` + 1, n)
-    "out": VECTORS,  # (2 K + 1, G)
+    "shown": VECTORS,  # scratch (T / `BLOCK_SAMPLES` + 1, n): scores of blocks
+    "out": VECTORS,  # (2 K + 1, G), see `write_steady_state`
 }
 BLOCK_SAMPLES = 8  # samples of a block
 
 
 def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> None:
-    """Write `steadily`, of COUNTS and addresses of BLOCKS.
+    """Write the kernel `steadily`, whose arguments are COUNTS and the addresses of BLOCKS.
 
-    It stores minus half the sums of squares of the whitened residuals `(K,)`, including
-    that of the start, their standard deviations `(K,)`, and the determinant for the start.  `layout` is
-    that of the rig with its torque.
+    It stores minus half the sums of squared whitened residuals `(K,)`, which include the term of
+    the start.  Standard deviations of innovations `(K,)` and the determinant of `_correct_start`
+    follow.  `layout` is that of the rig with its torque.
     """
     n, k_count = system.n, system.k
     with kernel(module, "steadily", COUNTS, BLOCKS) as (a, b):
@@ -348,7 +347,7 @@ class SteadyFilter:
     def advance(
         self, index: ir.Value, registers: list[ir.Value], pulls: ir.Value | None
     ) -> list[ir.Value]:
-        """Filter a sample: state (n), sums of squares (K) and, with `pulls (K, n)`, scores (n)."""
+        """Filter a sample; return state (n), sums of squares (K) and, if `pulls (K, n)`, scores (n)."""
         b, n, k_count = self.m.b, self.system.n, self.system.k
         lanes = [Vector(b, register) for register in registers]
         state, sums, shown = lanes[:n], lanes[n : n + k_count], lanes[n + k_count :]
@@ -367,7 +366,7 @@ class SteadyFilter:
 def _emit_sums(w: SteadyFilter, state: list[ir.Value], shown: ir.Value) -> list[Number]:
     """Return sums of squared innovations `(K,)` of a filter that starts from a `state (n,)`.
 
-    `shown` gets their information on the first state `(n,)`.
+    `shown` receives the score `(n,)` of the first state.
     """
     b, informed = w.m.b, w.m.b.load(w.first)
     blocks = b.sdiv(b.add(informed, BLOCK_SAMPLES - 1), BLOCK_SAMPLES)
@@ -377,7 +376,7 @@ def _emit_sums(w: SteadyFilter, state: list[ir.Value], shown: ir.Value) -> list[
 
 
 def _emit_samples(w: SteadyFilter, blocks: ir.Value, state: list[ir.Value]) -> list[Number]:
-    """Return the sums of squares of all samples; the first `blocks` store scores of their start."""
+    """Return the sums of squares of all samples; each of the first `blocks` stores its score."""
     m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     pulls, none = _emit_pulls(w), vector(0.0)
     each = Loop(b, blocks, [*state, *[none] * k_count], "blocks")
@@ -403,7 +402,7 @@ def _emit_samples(w: SteadyFilter, blocks: ir.Value, state: list[ir.Value]) -> l
 
 
 def _emit_pulls(w: SteadyFilter) -> ir.Value:
-    """Return A'^k pulls `(BLOCK_SAMPLES, K, n)`, the dependence of samples on a block's first state."""
+    """Return pulls A^j `(BLOCK_SAMPLES, K, n)`: how sample j depends on its block's first state."""
     m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     each = n * k_count
     pulls, a = m.room(BLOCK_SAMPLES * each), w.at["a"]
@@ -414,7 +413,7 @@ def _emit_pulls(w: SteadyFilter) -> ir.Value:
 
 
 def _emit_back(w: SteadyFilter, blocks: ir.Value, shown: ir.Value) -> None:
-    """Store the dependence of all blocks on the first state: the backward sum of A'^k of theirs."""
+    """Store the score of the first state: backwards, s <- (A^BLOCK_SAMPLES)' s + a block's score."""
     m, b, n = w.m, w.m.b, w.system.n
     powers, power = m.room(2 * n * n), w.at["a"]
     for k in range(BLOCK_SAMPLES.bit_length() - 1):

@@ -21,19 +21,20 @@ from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.friction import DIRECTION, Law, SettlingLaw
 from bayesdrill.rig.models.linear import Model
 
-# T samples; N steps; parts of a step with a reversal; 1 if signals are stored instead of sums.
+# G groups, T samples, N steps (`nodes`). A step with a reversal has `turns` parts. `stored` is 1 if
+# signals are stored instead of sums.
 COUNTS = ("groups", "samples", "nodes", "turns", "stored")
 BLOCKS = {
-    "numbers": NUMBERS,  # spans of a step and between usual samples; constant inputs
+    "numbers": NUMBERS,  # span of a step; usual span between samples; constant inputs
     "own": VECTORS,  # (G, vectors of `walker_blocks`): the numbers of each walker
-    "u": NUMBERS,  # (N + 1 + 2 `pad`, columns of inputs)
-    "pieces": WHOLE,  # (T,) steps to the next sample
-    "usual": WHOLE,  # (T,) 1 if that is the usual number of steps
+    "u": NUMBERS,  # (N + 1, S or 2 S) inputs and slopes, with a margin before and after
+    "pieces": WHOLE,  # (T,) number of steps to the next sample
+    "usual": WHOLE,  # (T,) 1 if `pieces` is the usual number of steps, and several
     "t": NUMBERS,  # (T,) times of samples, in steps from the first node
     "y": NUMBERS,  # (T, K)
     "begin": WHOLE,  # (K,) first observed sample of each channel
-    "trace": VECTORS,  # scratch (N + 1, K, 3, numbers of one)
-    "out": VECTORS,  # (G, K, n) sums, or (G, T, K, numbers of one) signals
+    "trace": VECTORS,  # scratch (N + 1, K, 3) numbers
+    "out": VECTORS,  # (G, K, n) sums, or (G, T, K) numbers of signals
 }
 
 
@@ -41,11 +42,11 @@ BLOCKS = {
 class SteppedShape:
     """A kernel is specialised for this structure of a stepped rig and record.
 
-    `series` are sampled inputs, of which `late` have a lag of each walker. `constant` are constant
-    inputs that are not zero. `pattern (K, R)` has the entries of rows that may differ from zero,
-    over states, one and (with `efforts`) frictions. `tally` is None for signals, which a kernel of
-    sums of squares stores too. `dual` says that numbers have slopes. `read` says that channels have
-    times of their own. `efforts` says that states and efforts are shown, at each step.
+    `series` are sampled inputs; those in `late` have a lag, which depends on the walker. `constant`
+    are the non-zero constant inputs. `pattern (K, R)` says which entries of rows may differ from
+    zero; columns are states, 1 and, with `efforts`, frictions. `tally` is None for signals, which a
+    kernel of `SQUARES` can store too. `dual` says that numbers have slopes. `read` says that
+    channels have their own sampling times. `efforts` says that each step shows states and efforts.
     """
 
     model: Model
@@ -62,7 +63,7 @@ class SteppedShape:
     @property
     def text(self) -> str:
         """See `compile_kernel`."""
-        # These enter the text by formulas and places.
+        # The formulas and indices below represent these fields.
         described = ("model", "series", "late", "constant")
         names = [setting.name for setting in fields(self) if setting.name not in described]
         settings = {name: getattr(self, name) for name in (*names, "long_steps")}
@@ -77,7 +78,7 @@ class SteppedShape:
         return (*self.model.parameters, *self.constant, *self.model.states, *self.series)
 
     def _formulas(self, lanes: Sequence[Vector]) -> list[Any]:
-        """Return all that the kernel needs from the model, in terms of these numbers."""
+        """Return all that the kernel needs from the model, as functions of `_named_numbers`."""
         names = self._named_numbers
         n = len(names)
         numbers: Any = map(Dual, lanes[:n], lanes[n:]) if self.dual else lanes
@@ -99,7 +100,7 @@ class SteppedShape:
             described += [index(gravity.angle), index(gravity.speed), gravity.torque(named, at)]
         if (servo := self.model.saturation) is not None:
             opened = self.model.parameters.index(servo.duty)
-            # Each law at any number, so that another law is another text.
+            # Laws are evaluated at arbitrary numbers, so that different laws give different texts.
             x, y = named[servo.row], named[servo.goal if servo.usual_supply else servo.supply]
             described += [index(servo.row), opened, servo.voltage(named, x)]
             described.append(where(servo.is_linear(named, x), x, 0.0))
@@ -110,13 +111,13 @@ class SteppedShape:
         return described
 
     def _sizes(self, b: Builder, law: Law, named: Any, speed: Any) -> list[Any]:
-        """Return the size of a law, or that in each direction if these differ."""
+        """Return the size by a law, or the sizes in both directions if they differ."""
         sizes = Sizes.by_law(b, law, named, 0.0 if law.steady else speed, named)
         return [sizes.forward, sizes.backward] if sizes.differ else [sizes.forward]
 
     @property
     def long_steps(self) -> bool:
-        """Return whether there are several steps to a sample, and all varying sizes settle."""
+        """Return whether long steps are possible: sizes settle, and nothing else needs short steps."""
         special = self.model.gravities or self.model.saturation
         if self.efforts or self.read or self.late or special:
             return False
@@ -139,7 +140,7 @@ class SteppedShape:
 
     @property
     def driven(self) -> tuple[str, ...]:
-        """Return the columns after the constant one."""
+        """Return the columns after that of the constant 1: drives, then frictions."""
         return (*self.drives, *(friction.name for friction in self.model.frictions))
 
     @property
@@ -149,7 +150,7 @@ class SteppedShape:
 
     @property
     def walker_blocks(self) -> dict[str, int]:
-        """Return the size of each part of the block `own`, as numbers; slopes double each part."""
+        """Return the size of each part of the block `own`, in numbers."""
         k, x, late = len(self.pattern), len(self.model.states), len(self.late)
         parts = {"parameters": len(self.model.parameters), "x0": x, "rows": k * self.r_count}
         if self.read:
@@ -160,7 +161,7 @@ class SteppedShape:
 
     @property
     def walker_vectors(self) -> dict[str, int]:
-        """Return the size of each part of the block `own`, as vectors."""
+        """Return the size of each part of the block `own`, in vectors."""
         return {name: self.numbers * count for name, count in self.walker_blocks.items()}
 
     @property
@@ -204,7 +205,7 @@ class Rates:
         *,
         later: Number | None = None,
     ) -> list[Number]:
-        """Return the rates at the beginning of a step, or `later` by its span, at its end."""
+        """Return the rates at the beginning of a step; if its span is given as `later`, at its end."""
         shape, first = self.shape, len(self.rows) + 1
         values: dict[int, Number] = dict(enumerate(state)) | drive
         values |= {first + len(shape.drives) + e: effort for e, effort in enumerate(efforts)}

@@ -1,4 +1,4 @@
-"""Add up residuals channel by channel, in the sums that densities need."""
+"""Compute for each channel the sums of residuals that densities need."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from bayesdrill.rig.kernels.lanes import INT_VEC, VEC, Builder, Values, Vector, 
 class Record:
     """A record has the address of its samples `y (T, K)`, which are the same for all walkers.
 
-    Samples that were not measured are NaN. `begin (K,)` has the first sample of each channel that
-    was. So code for samples that are missing, or the first, is skipped by a branch.
+    Missing samples are NaN. `begin (K,)` has the index of the first measured sample of each
+    channel. Both are the same for all walkers, so that branches can skip code.
     """
 
     b: Builder
@@ -25,11 +25,11 @@ class Record:
     channels: int
 
     def measured(self, sample: ir.Value, k: int) -> ir.Value:
-        """Load the value of channel k at a sample, one number."""
+        """Load the measured value of channel k at a sample, as a single number."""
         return self.b.single(self.y, self.b.add(self.b.mul(sample, self.channels), k))
 
     def residual(self, sample: ir.Value, k: int, value: ir.Value) -> ir.Value:
-        """Return the measured value of channel k minus that of each walker."""
+        """Return the measured value of channel k minus the computed `value` of each walker."""
         return self.b.fsub(self.b.splat(self.measured(sample, k)), value)
 
     def if_observed(
@@ -58,11 +58,11 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class ResidualSums:
-    """Squares of residuals are summed here; other sums derive from this class.
+    """The sums are those of squares of residuals; classes for other sums derive from this class.
 
-    `weights` is the number of weights of a walker for each channel. Registers carried from sample
-    to sample begin as `start`, one vector each. Sums of different classes are never equal, so that
-    none is mistaken for `SQUARES`.
+    `weights` is the number of weights of a walker for each channel. `start` has the initial values
+    of a channel's registers, which are carried from sample to sample. Instances of different
+    classes are never equal, so that none is mistaken for `SQUARES`.
     """
 
     start: tuple[float, ...] = (0.0,)
@@ -74,7 +74,7 @@ class ResidualSums:
         return len(self.start)
 
     def initial(self, channels: int = 1) -> Values:
-        """Return the registers of a number of channels before the first sample, in a row."""
+        """Return the registers before the first sample, channel after channel."""
         return [vector(value) for value in self.start] * channels
 
     def add_if_observed(self, b: Builder, totals: Values, sample: Sample) -> Values:
@@ -87,13 +87,13 @@ class ResidualSums:
         return [*totals[:first], *new, *totals[last:]]
 
     def add(self, b: Builder, totals: Values, sample: Sample) -> Values:
-        """Return the registers `totals` of a channel with one more sample of it."""
+        """Return the registers `totals` of a channel with one more sample of the channel."""
         return [b.fma(sample.residual, sample.residual, totals[0])]
 
 
 @dataclass(frozen=True, slots=True)
 class _Neighbours(ResidualSums):
-    """These sums are of squares of residuals and of their increments, with both ends."""
+    """The sums are those of squared residuals and squared increments, with both end residuals."""
 
     start: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
 
@@ -111,10 +111,10 @@ _ONE = 1023 << 52  # ... and the exponent bits of one
 
 @dataclass(frozen=True, slots=True)
 class _Logs(ResidualSums):
-    """These sums are of squares, and the product of 1 + weight times square.
+    """The sums are the sum of squares, and the product of the factors 1 + weight * residual^2.
 
-    The product is a number from 1 to 2, and, as an integer, a power of two. So only one logarithm
-    is taken, of the whole product.
+    The product is stored as a number from 1 to 2 and an integer exponent of two, which cannot
+    overflow. So only one logarithm is taken, of the whole product.
     """
 
     start: tuple[float, ...] = (0.0, 1.0, 0.0)
@@ -128,7 +128,7 @@ class _Logs(ResidualSums):
 
 
 def _times(b: Builder, product: ir.Value, powers: ir.Value, factor: ir.Value) -> Values:
-    """Return a product and its powers of two, see `_Logs`, times a factor."""
+    """Return a product and its exponent of two, see `_Logs`, multiplied by a factor."""
     bits = b.bitcast(b.fmul(product, factor), INT_VEC)
     power = b.sub(b.lshr(bits, 52), 1023)
     fraction = b.or_(b.and_(bits, _FRACTION), _ONE)
@@ -136,10 +136,10 @@ def _times(b: Builder, product: ir.Value, powers: ir.Value, factor: ir.Value) ->
     return [b.bitcast(fraction, VEC), b.bitcast(whole, VEC)]
 
 
-MAX_INSIDE_SDS = -8.5  # standard deviations from both ends: the probability outside is 1e-17
+MAX_INSIDE_SDS = -8.5  # if both ends are 8.5 sds away, the probability outside is 1e-17
 _TURN = 3.0
-# Polynomial of (1 + 2 x) erfcx(x) / 2 in (x - turn) / (x + turn), for x >= 0, to 1e-10 (Shepherd and
-# Laframboise 1981).
+# Polynomial in (x - _TURN) / (x + _TURN) for (1 + 2 x) erfcx(x) / 2, x >= 0, with an error of 1e-10
+# (Shepherd and Laframboise 1981).
 _TAIL = (
     0.626504029134865,
     -0.06781055221817794,
@@ -160,7 +160,7 @@ _TAIL = (
 
 
 def _tail(b: Builder, far: ir.Value) -> ir.Value:
-    """Return the probability of a standard normal number beyond `far`, over exp(-far^2 / 2).
+    """Return P(z > far) / exp(-far^2 / 2) for a standard normal number z.
 
     `far` must not be negative.
     """
@@ -173,12 +173,11 @@ def _tail(b: Builder, far: ir.Value) -> ir.Value:
 
 @dataclass(frozen=True, slots=True)
 class _Intervals(ResidualSums):
-    """These sums are of squares, and the product of probabilities of intervals around residuals.
+    """The sums are the sum of squares, and the product of probabilities of intervals around residuals.
 
-    The product is stored as in `_Logs`. Intervals extend by half a width to both sides. If zero is
-    outside an interval, its probability is divided by exp(-x^2 / 2) at the nearer end x; the logs
-    of these factors are added up too. The weights are one over the standard deviation, and half a
-    width over it, at least 0.2.
+    The product is stored as in `_Logs`. Each interval is residual +- width / 2. If zero is outside
+    an interval, the interval's probability is divided by exp(-x^2 / 2) at the nearer end x; these
+    factors' logs are added up too. The weights are 1 / sd, and width / (2 sd), at least 0.2.
     """
 
     start: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
@@ -194,7 +193,7 @@ class _Intervals(ResidualSums):
         def moved() -> Values:
             return self._moved(b, others, near, middle, half)
 
-        # Samples far inside their interval have probability one, so that the product stays.
+        # Where zero is far inside the interval, the probability is one and changes no product.
         far = b.anywhere(b.fcmp_unordered(">", near, vector(MAX_INSIDE_SDS)))
         return [squares, *b.replace_if(far, others, moved)]
 

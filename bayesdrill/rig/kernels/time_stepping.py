@@ -1,14 +1,13 @@
 """Advance states step by step through a record, and observe channels at samples.
 
 A step is exact while each friction keeps slipping one way or sticking. An event is a zero crossing
-of a sliding speed, or the passage from stick to slip. A step with an event is made in parts with
-mean efforts (`reversals`). The event leaves an error of second order in the length of a part, and
-is not located in time.
+of a sliding speed, or the transition from stick to slip. A step with an event is divided into parts
+with mean efforts (`reversals`). The event is not located in time, and leaves an error of second
+order in the length of a part.
 
-Channels with times of their own are interpolated: values and rates are stored at all nodes, and
-read between them. Between two nodes a channel is the cubic with its values and rates at both
-(Hermite). The rate after the first node includes the efforts of this step; the other is that before
-the second node.
+Channels with sampling times of their own are interpolated. Their values and rates are stored at all
+nodes. Between two nodes a channel is the cubic with the values and rates at both nodes (Hermite).
+The rates at both nodes are evaluated with the efforts of the step between them.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ class Writer:
     def __init__(
         self, b: Builder, shape: SteppedShape, arguments: dict[str, ir.Value], group: ir.Value
     ) -> None:
-        """Compute the matrices of the group."""
+        """Write the code that computes the matrices of the group."""
         self.b, self.shape, self.a, self.group, model = b, shape, arguments, group, shape.model
         self.kind = Numbers(b, shape.dual)
         self.x_count, self.k_count = len(shape.model.states), len(shape.pattern)
@@ -66,8 +65,8 @@ class Writer:
         }
         self.span = number(b, self.a["numbers"], 0)
         self.stored = b.icmp_signed("!=", self.a["stored"], 0)
-        # Exponentials of a step, a part of a step and, if there is one, a long step; `opened` has
-        # those of the open loop of a servo.
+        # Exponentials of a step, a part of a step and, if possible, a long step. `opened` has
+        # those of a step and a part with the open loop of a servo.
         count = 2 + shape.long_steps
         whole, part, *stride = self.exponentials = [
             self.kind.room(shape.layout.size**2) for _ in range(count)
@@ -81,7 +80,7 @@ class Writer:
             for span, room in zip((self.span, self.span * self._part), self.opened, strict=True):
                 self._exponential(span, room, opened=True)
             self.closed, self.regime = Mask(b, NOWHERE), b.room(1)
-            # The reference of a goal of limited speed, now and after the step.
+            # The reference, which follows a goal at limited speed, now and after the step.
             self.reference = self.kind.room(2)
         count, rows = shape.r_count, self.walker_numbers("rows")
         self.rows = [
@@ -91,7 +90,7 @@ class Writer:
         self.step = self._step(whole, self.span)
         self.mode = self._friction_mode(self.step)
         self.stride: FrictionMode | None = (
-            None  # a long step from sample to sample, if that is more than one step
+            None  # the mode of a long step from sample to sample, if possible
         )
         for matrix in stride:
             span = number(b, self.a["numbers"], 1)
@@ -103,7 +102,7 @@ class Writer:
         return self.kind.shaped(self.b.read_row(self.walker[name], self.shape.walker_vectors[name]))
 
     def set_mode(self, state: list[Number]) -> None:
-        """Set the friction modes of a step and of a long step to that of a state."""
+        """Set the friction modes of a step and of a long step by the speeds of a state."""
         for mode in filter(None, (self.mode, self.stride)):
             mode.set(state)
 
@@ -130,7 +129,7 @@ class Writer:
 
     @property
     def _part(self) -> Vector:
-        """Return the length of a part over that of its step."""
+        """Return the length of a part divided by that of its step."""
         b = self.b
         return Vector(b, b.splat(b.fdiv(F64(1.0), b.sitofp(self.a["turns"], F64))))
 
@@ -151,7 +150,7 @@ class Writer:
         return Rates(self.b, self.shape, parameters, self.constant)
 
     def _servo(self) -> ServoLoop:
-        """Return the servo, whose wanted voltage is the difference of closed and open loop."""
+        """Return the servo; closed loop minus open loop gives its wanted voltage."""
         law, shape = self.shape.model.saturation, self.shape
         assert law is not None
         closed, opened = self._rates(), self._rates(opened=True)
@@ -164,12 +163,12 @@ class Writer:
         return ServoLoop(law, column, row, base, self.parameters)
 
     def _step_of_loops(self, closed: Mask, place: int, span: Vector) -> Step:
-        """Return a step with the loop of a servo closed or open, as it is in each lane."""
+        """Return a step with the loop of the servo closed in lanes `closed`, and open in others."""
         first = self._step(self.exponentials[place], span)
         return merged_step(closed, first, self._step(self.opened[place], span, opened=True))
 
     def _enter_loop(self, state: list[Number], drive: Mapping[int, Number]) -> None:
-        """Close or open the servo's loop for a state; friction has another mode after a change."""
+        """Close or open the servo's loop for a state; after a change, set the friction modes."""
         assert self.servo is not None
         b, zero = self.b, Vector(self.b, vector(0.0))
         self.closed = self.servo.is_closed(self.servo.wanted(state, drive))
@@ -187,7 +186,7 @@ class Writer:
         self.kind.replace_if_any(changed, [], entered)
 
     def _corrected(self, now: StepStart) -> StepStart:
-        """Return the step with the servo's mean voltage, if it reaches or leaves its limits."""
+        """Return the start of a step with the servo's mean voltage, whose loop may open or close."""
         assert self.servo is not None
         servo, step, x = self.servo, self.step, self.x_count
         if step.frictions:
@@ -245,9 +244,9 @@ class Writer:
     def drive(
         self, node: Integer, state: Sequence[Number]
     ) -> tuple[dict[int, Number], dict[str, Number]]:
-        """Return the drives of the step after a node by column, and its middle inputs by name.
+        """Return the drives of the step after a node by column, and the inputs in its middle by name.
 
-        Gravity is taken at the angle in the middle of the step, to which the speed leads.
+        Gravity is evaluated at the angle in the middle of the step, extrapolated with the speed.
         """
         shape, first = self.shape, self.x_count + 1
         driving = [self._input(node, k) for k in range(len(shape.columns))]
@@ -274,12 +273,12 @@ class Writer:
 
     @property
     def _limited_goal(self) -> int | None:
-        """Return the place among the inputs of a goal whose speed is limited; None without one."""
+        """Return the index of the goal in `series` if the servo limits its speed, else None."""
         servo, series = self.shape.model.saturation, self.shape.series
         return series.index(servo.goal) if servo and servo.speed and servo.goal in series else None
 
     def _limit(self, driving: list[Number], goal: int) -> None:
-        """Replace a goal by its reference, and store the reference after the step."""
+        """Replace a goal by its reference, and store the reference at the end of the step."""
         assert self.servo is not None
         reference, slope = self.kind.get(self.reference, 0), len(self.shape.series) + goal
         straight, aim = self.shape.first_order, driving[goal]
@@ -291,7 +290,7 @@ class Writer:
             driving[slope] = (after - reference) / self.span
 
     def _input(self, node: Integer, k: int) -> Number:
-        """Load an input; for a late one each lane interpolates between two rows of its own."""
+        """Load an input; if it is late, each lane interpolates between two rows at its own lag."""
         b, shape, count = self.b, self.shape, len(self.shape.columns)
         name = shape.series[k % len(shape.series)]
         if name not in shape.late:
@@ -401,7 +400,7 @@ class Writer:
         *,
         later: Number | None = None,
     ) -> list[Number]:
-        """Evaluate the rig's equations, with the loop of a servo as it is in this step."""
+        """Evaluate the rig's equations, with a servo's loop open or closed as in this step."""
         rates = self._rates().evaluate(state, drive, efforts, later=later)
         if not self.servo:
             return rates
@@ -472,11 +471,11 @@ class Writer:
         b.write_row(self.kind.flat([value]), b.offset(self.a["out"], index))
 
 
-TRACE_VALUES = 3  # the value, and the changes in a step by the rates after it and before the next
+TRACE_VALUES = 3  # the value; step times rate after the node, and before the next node
 
 
 def emit_trace(w: Writer) -> None:
-    """Store the trace of all nodes; the last has only a value."""
+    """Store the trace of all nodes; the last node has only a value."""
     b = w.b
     nodes = Loop(b, w.a["nodes"], w.start(), "nodes")
     state = w.kind.shaped(nodes.carried)[: w.x_count]
@@ -500,7 +499,7 @@ def _keep(w: Writer, node: Integer, k: int, entries: Sequence[Number]) -> None:
 
 
 def _seen_rate(w: Writer, k: int, rates: Sequence[Number]) -> Number:
-    """Return how much channel k changes in a step."""
+    """Return the change of channel k over a step with constant rates."""
     terms = [(row, rates[r]) for r, row in w.rows[k].items() if r < w.x_count]
     zero = Vector(w.b, vector(0.0))
     return sum_products(zero, terms) * w.span
@@ -563,7 +562,7 @@ def _kept(w: Writer, node: ir.Value, k: int, q: int) -> Number:
 
 
 def write_stepping(module: Module, shape: SteppedShape) -> None:
-    """Write the kernel `stepping`, of COUNTS and addresses of BLOCKS."""
+    """Write the kernel `stepping`, whose arguments are COUNTS and the addresses of BLOCKS."""
     with (
         kernel(module, "stepping", COUNTS, BLOCKS) as (a, b),
         b.loop(a["groups"], "groups") as group,

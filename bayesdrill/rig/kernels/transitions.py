@@ -1,10 +1,10 @@
-"""Compute transition matrices of a group of walkers, over steps of a record or any shorter span.
+"""Compute transition matrices of a group of walkers, over the steps of a record and over other spans.
 
-The distinct steps of a record have a table of matrix exponentials.  A span that is not in the table is
-a multiple of a `width` times a ratio below one.  The exponential acts on a state by a ladder, whose
-rungs are exponentials over the width times ..., 4, 2, 1, 1/2, 1/4, ...: each rung that the ratio
-contains in its binary digits is one product.  What is left after the last rung is a Taylor series of
-few terms.  How many rungs below the width a lane needs follows from the norm of its matrix.
+The distinct steps of a record have a table of matrix exponentials.  A span that is not in the table
+is a ratio times a `width`.  Its exponential acts on a state by a ladder, whose rungs are
+exponentials over ..., 4, 2, 1, 1/2, 1/4, ... widths: each 1 in the binary digits of the ratio takes
+a product with a rung.  A Taylor series of few terms covers the span that remains after the last
+rung.  The number of rungs below the width that a lane needs follows from the norm of its matrix.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ from bayesdrill.rig.kernels.numbers import (
 MAX_SERIES_DEGREE = 14
 MAX_SERIES_NORM = 0.3  # largest norm times span for which a series is used
 SERIES_TAIL = 1e-16  # truncation error of a series, relative to the state
-MAX_HALVINGS = 50  # halvings of the width: shorter spans are below the rounding of times
+MAX_HALVINGS = 50  # upper limit for the width: shorter spans are lost in the rounding of times
 MAX_RUNGS = 60 + MAX_HALVINGS
-LEAST_NORM = 1e-3  # smallest norm times width; smaller ones are treated as this
+LEAST_NORM = 1e-3  # smallest norm times width; a smaller product is raised to this
 MAX_NORM = 1e100  # largest norm; a lane with a larger one has overflowed
 
 State = list[Number]
@@ -58,9 +58,9 @@ Step = Callable[[State, "InputHold"], State]
 
 
 def table_entries(layout: Layout) -> list[tuple[int, int]]:
-    """Return (row, column) of the entries of an exponential that tables keep: rows of states, in reach.
+    """Return (row, column) of the entries that tables store: those in reach, in rows of states.
 
-    A large matrix keeps whole rows.
+    For a large matrix these are whole rows.
     """
     n, reach, large = layout.size, layout.reach, layout.large
     return [(i, j) for i in range(layout.n_states) for j in range(n) if large or reach[i][j]]
@@ -68,21 +68,21 @@ def table_entries(layout: Layout) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True, slots=True)
 class InputHold:
-    """The sampled inputs at a moment and, with a first-order hold, their slopes from there on."""
+    """The sampled inputs have values at a time and, with a first-order hold, slopes from then on."""
 
     inputs: Sequence[Number]
     slopes: Sequence[Number]
 
     @classmethod
     def load(cls, b: Builder, layout: Layout, u: ir.Value, knot: ir.Value) -> InputHold:
-        """Load what drives a rig from a knot on, from a block of all knots."""
+        """Load the inputs and slopes from a knot on, from the block `u` of all knots."""
         columns = layout.size - layout.n_states - 1
         at = b.offset(u, knot, columns) if columns else u
         values = [number(b, at, c) for c in range(columns)]
         return cls(values[: layout.n_series], values[layout.n_series :])
 
     def later(self, span: Number) -> InputHold:
-        """Return the drive a span later: inputs follow their slopes, or are constant without any."""
+        """Return the drive after a span: inputs follow their slopes or, without slopes, are constant."""
         if not self.slopes:
             return self
         pairs = zip(self.inputs, self.slopes, strict=True)
@@ -91,11 +91,11 @@ class InputHold:
 
 @dataclass(frozen=True, slots=True)
 class ExponentialLadder:
-    """A ladder has memory for its rungs and its series, see `Transitions.act`.
+    """A ladder has memory for each lane's norm and series, see `Transitions.act`.
 
-    `rates` are the entries of A, c and B over the norm. `weights` are 1/k of each term. `scale` has
-    norm times width, and one over the norm. `halvings` counts those of the width in each lane.
-    `counts` has terms of the series, rungs from the width on, and all rungs.
+    `rates` are the entries of A, c and B divided by the norm. `weights` are 1/k for term k. `scale`
+    has norm * width, and 1 / norm. `halvings` has the number of halvings of the width in each lane.
+    `counts` has the numbers of series terms, of rungs of at least the width, and of all rungs.
     """
 
     rates: ir.Value
@@ -109,8 +109,8 @@ class ExponentialLadder:
 class Transitions:
     """The writer has the code that fills and applies the transition matrices of walkers.
 
-    `kind` is that of its numbers, with slopes or without. `parameters` are the addresses of their
-    values and slopes, and `constants` that of the constant inputs. `table` is the address of the
+    `kind` says whether numbers have slopes. `parameters` are the addresses of the parameters'
+    values and slopes, and `constants` is that of the constant inputs. `table` is the address of the
     exponentials of steps. `width` is the span that ratios refer to. `rungs` is the address of the
     ladder's exponentials. `halved` says whether sums of a step have two halves, see `sum_products`.
     """
@@ -127,7 +127,7 @@ class Transitions:
 
     @property
     def size(self) -> int:
-        """Return the vectors of one exponential in a table."""
+        """Return how many vectors an exponential takes in a table."""
         return len(table_entries(self.layout)) * self.kind.width
 
     def exponentiate(self, span: Number, e: ir.Value) -> None:
@@ -149,7 +149,7 @@ class Transitions:
     def fill_table(self, nodes: ir.Value, spans: ir.Value, chained: ir.Value | None) -> None:
         """Store the exponentials of all nodes, over their `spans`.
 
-        A `chained` one is the exponential of the node before, times that of the width.
+        The exponential of a `chained` node is that of the node before, times that over the width.
         """
         b, n = self.b, self.layout.size
         e, hop, spare = (self.kind.room(n * n) for _ in range(3))
@@ -178,7 +178,7 @@ class Transitions:
         if self.layout.large:
             return lambda state, drive: self._multiply_large(at, state, drive)
         phi = {entry: self.kind.get(at, n) for n, entry in enumerate(table_entries(self.layout))}
-        # Nothing depends on an idle state: its entry is one, and known to be.
+        # Nothing depends on an idle state: its entry is the constant one.
         unity = Vector(self.b, vector(1.0))
         idle = self.layout.idle
         phi |= {(i, i): unity for i in range(self.layout.n_states) if idle[i]}
@@ -206,11 +206,11 @@ class Transitions:
     def join_steps(
         self, joined: ir.Value, rows: Sequence[Mapping[int, Number]], count: int
     ) -> None:
-        """Store the matrix of `count` steps at once, from z = (x, 1, inputs of all steps).
+        """Store the matrix that does `count` steps at once, from z = (x, 1, inputs of all steps).
 
-        It gives x after the steps, and the channels after each of them. All steps are the first of
-        the table. Each column follows a unit vector of z through the steps. Channels are `rows` of x
-        and 1.
+        Its product with z is x after the steps, then the channels after each step. All steps have
+        the first exponential of the table. Each column is the response to a unit vector of z.
+        Channels are `rows` times (x, 1).
         """
         b, kind, x, n = self.b, self.kind, self.layout.n_states, self.layout.size
         columns, unity = x + 1 + count * (n - x - 1), Vector(b, vector(1.0))
@@ -239,13 +239,13 @@ class Transitions:
 
     @cached_property
     def _rate_entries(self) -> list[tuple[int, int]]:
-        """Return (row, column) of the entries of A, c and B that the rig has."""
+        """Return (row, column) of the entries of A, c and B that may differ from zero."""
         entries = self.layout.entries([1.0] * self.layout.n_numbers)
         return sorted({(row, column) for row, column, _ in entries if row < self.layout.n_states})
 
     @cached_property
     def _constant_rates(self) -> set[tuple[int, int]]:
-        """Return the (row, column) of entries that depend on no parameter and have no slope."""
+        """Return (row, column) of those entries that depend on no parameter and have no slope."""
         entries = self.layout.entries([Dual(1.0, 1.0)] * self.layout.n_numbers)
         depends = {(row, column) for row, column, value in entries if isinstance(value, Dual)}
         return {*self._rate_entries} - depends
@@ -262,7 +262,7 @@ class Transitions:
         )
 
     def fill_ladder(self, high: ir.Value) -> None:
-        """Store rungs, `high` of them from the width on, and the coefficients of the series."""
+        """Store all rungs, `high` of which span at least the width, and the series' coefficients."""
         b, ladder, x = self.b, self._ladder, self.layout.n_states
         entries: dict[tuple[int, int], Number] = {}
         for row, column, value in self.layout.matrix(b, self.constants, *self.parameters):
@@ -294,9 +294,9 @@ class Transitions:
             self.store(e, self.rungs, rung)
 
     def _store_weights(self, size: ir.Value, degree: ir.Value) -> ir.Value:
-        """Store 1/k or, beyond the degree of a lane, 0; return the degrees, at least those given.
+        """Store weights 1/k up to the degree of each lane, then 0; return degrees of at least `degree`.
 
-        A series in a number up to `size` neglects about `SERIES_TAIL` of the state.
+        With its degree a series in a number up to `size` neglects about `SERIES_TAIL` of the state.
         """
         b = self.b
         for k in range(1, MAX_SERIES_DEGREE):
@@ -310,7 +310,7 @@ class Transitions:
         return degree
 
     def _rung_share(self, rung: ir.Value) -> ir.Value:
-        """Return the span of a rung over the width, half of that of the rung before."""
+        """Return the span of a rung divided by the width: 2^(high - 1 - rung)."""
         high = self.b.load(self.b.offset(self._ladder.counts, 1))
         exponent = self.b.add(self.b.sub(high, rung), 1023 - 1)
         return emit_power(self.b, self.b.splat(exponent))
@@ -319,7 +319,7 @@ class Transitions:
         """Return state and drive after a span of `ratio` times the width."""
         b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
         _, high, rungs = (b.load(b.offset(ladder.counts, place)) for place in range(3))
-        # Inputs have slopes only where the span has one.
+        # Inputs are numbers with slopes only if the ratio is.
         plain = Numbers(b, isinstance(ratio, Dual))
 
         def flat(numbers: State) -> Values:
@@ -358,7 +358,7 @@ class Transitions:
     def _series(self, ratio: Number, state: State, drive: InputHold) -> State:
         """Return the state after a span of `ratio` times the width, by a Taylor series.
 
-        Term k is the k-th derivative of the state over norm^k.
+        Term k is the k-th time derivative of the state, divided by norm^k.
         """
         b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
         whole, over = (Vector(b, value) for value in b.read_slots(ladder.scale))
@@ -387,7 +387,7 @@ class Transitions:
         return total
 
     def _rate(self, columns: dict[int, Number]) -> State:
-        """Return the rates of the states over norm."""
+        """Return the rates of the states, divided by the norm."""
         rates: list[Number] = []
         zero = Vector(self.b, vector(0.0))
 

@@ -97,7 +97,7 @@ def test_a_folder_that_others_may_use_is_refused(kept: CodeCache) -> None:
         kept.folder.chmod(mode)
         assert kept.load(KEY) is None
         kept.store("another", CODE)
-        with pytest.raises(PermissionError, match="others may look into it"):
+        with pytest.raises(PermissionError, match="others have access to it"):
             assert kept.sizes
     kept.folder.chmod(0o700)
     assert kept.load(KEY) == CODE
