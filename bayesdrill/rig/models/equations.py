@@ -4,9 +4,10 @@
     l i' = u - (r + r_s) i - k_e w_b                              for each motor with an inductance
     u = supply duty (k_p (goal - theta_b) - k_d w_b)              for a servo (see `servo`)
 
-J is referred to the first of these inertias.  An inertia whose `reduction` is i has the speed w/i, with
-the state w.  A torque T on this inertia acts on w like a torque T/i behind the gear.  A shaft or a
-damper acts on both of its ends, except on the ground and on an end with an imposed motion.
+J is referred to the first of these inertias, whose speed is w.  The state is the speed behind the gear:
+`reduction` i times the speed of an inertia before the gear.  A torque T on such an inertia acts on the
+state like a torque T/i behind the gear.  A shaft or a damper acts on both of its ends, except on the
+ground and on an end with an imposed motion.
 """
 
 from __future__ import annotations
@@ -104,7 +105,7 @@ class _Parts:
         return total
 
     def torque_factor(self, inertia: InertiaRoles) -> float:
-        """Return f in J w' = f T, for a torque T on the inertia and its `coordinate_inertia` J."""
+        """Return f in J w' = f T for a torque T on the inertia: w is the state, J its inertia."""
         first = self.moving[inertia.speed][0]
         if inertia.reduction == first.reduction:
             return first.reduction
@@ -114,7 +115,7 @@ class _Parts:
         return self.names.issuperset(names)
 
     def _ends(self, shaft: ShaftRoles) -> list[tuple[InertiaRoles, InertiaRoles | None]]:
-        """Return inertias (near, far) by end of a shaft, if w of near is a state; ground is None."""
+        """Return (near, far) by end of a shaft if the end's speed is a state; a far ground is None."""
         first, second = (
             None if name == GROUND else self.roles.inertia(name) for name in shaft.ends
         )
@@ -238,7 +239,7 @@ class _Parts:
     # Gravity, frictions and servos.
 
     def saturations(self) -> Iterator[Saturation]:
-        """Yield the servos that are no linear closed loop, as they saturate, for example."""
+        """Yield the servos that a linear closed loop does not describe, for example with saturation."""
         for motor in self.roles.motors:
             if motor.is_limited(self.names):
                 turns = self.roles.inertia(motor.inertia).speed

@@ -74,10 +74,10 @@ class Friction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gravity:
-    """Gravity is a linear spring plus the effort `weight (sin(angle + tilt) - angle)`.
+    """Gravity on a pendulum is a linear spring plus the effort `weight (sin(a + tilt) - a)`.
 
     The spring has the stiffness `weight` and is in the rig's `A`. The effort is the column `name` of
-    `B`. The states `angle` and `speed` are `reduction` times the pendulum's own angle and speed.
+    `B`. The states `angle` and `speed` are `reduction` times the pendulum's own angle a and speed.
     `tilt` is None for a pendulum without a tilt.
     """
 

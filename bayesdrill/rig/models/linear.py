@@ -142,7 +142,7 @@ class Model(Protocol):
 
     @property
     def added(self) -> tuple[str, ...]:
-        """Return the optional parameters that this instance has; a field of rigs with options."""
+        """Return the optional parameters that this instance has; rigs with options make it a field."""
         return ()
 
     @property
@@ -172,7 +172,7 @@ class Model(Protocol):
 
     @property
     def has_private_names(self) -> bool:
-        """Return whether names of symbols follow from the rig's constants, unlike all others."""
+        """Return whether names follow from the rig's constants, so that no other rig shares them."""
         return False
 
     @property
@@ -277,7 +277,7 @@ class StateNames:
 
 
 def with_named(rig: Model, names: Collection[str]) -> Model:
-    """Return the rig with all `names` that it offers added, in the order of its offers."""
+    """Add all `names` that the rig offers, in the order of its offers, and return the new rig."""
     wanted = {*names, *rig.added}
     added = tuple(name for name in rig.offers if name in wanted)
     if not added:
@@ -309,7 +309,7 @@ def weak_statics(rig: Model, p: Mapping[str, Any]) -> dict[str, str]:
 
 
 def surplus_frictions(rig: Model, unknown: Collection[str]) -> dict[str, str]:
-    """Return a message for each unknown constant friction that frictions by direction replace."""
+    """Return messages on unknown frictions of constant sign that others by direction make redundant."""
     messages = {}
     for rubbing, joined in itertools.product(rig.roles.inertias, repeat=2):
         by_direction = {rubbing.sliding, rubbing.sliding_back}

@@ -28,7 +28,7 @@ The gearbox is rigid and without play, the shaft massless, and the sign of the f
            w_1' = ... - (k_0/j_1)(theta_1 - theta_0) and w_0' = (k_0/j_0)(theta_1 - theta_0): a rotor 0
            beyond rotor 1; with c_0, c_0 (w_1 - w_0) is added to k_0 (theta_1 - theta_0)
 
-In `two_rotors`, `j_2` and `r_s` are known.  With the motor's angle theta_3 = theta_2/i_m it obeys
+In `two_rotors`, `j_2` and `r_s` are known.  With the motor's angle theta_3 = theta_2/i_m:
 
     l_m i' + (r_m + r_s) i + k_e theta_3' = v
     j_m theta_3'' + c_m theta_3' - k_T i + t_f = -i_m (k_s (theta_2 - theta_1) + j_2 theta_2'')
@@ -44,10 +44,10 @@ torque at the bit is computed:
     b_0, b_1, b_2, b_3
            w_1' = ... - T/j_1; T opposes w_1, and `BitRock` gives |T| for the input `wob`
 
-A `motor` has no shaft; `j_m` includes all parts that turn rigidly with it.  Its input is a measured
-torque `t_m` in place of k_T i or, if its circuit is named (`k_e k_T r_m l_m`), a voltage.  Its angle and
-speed are those behind the gear; without a gear (`i_m` = 1, the default) they are the motor's own.  Its
-parameters are referred to the side before the gear.  `k_s`, `j_1` and `c_s` add a shaft and rotor 1.
+A `motor` has no shaft; `j_m` includes all parts that turn rigidly with the motor.  The input is a
+measured torque `t_m` in place of k_T i or, if the circuit is named (`k_e k_T r_m l_m`), a voltage.
+Angle and speed are those behind the gear, or the motor's own without a gear (`i_m` = 1, the default).
+Parameters of the motor refer to the side before the gear.  `k_s`, `j_1`, `c_s` add a shaft and rotor 1.
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ class Saturation:
         """Return the reference after the time `span`, and its mean over it, for a constant goal."""
         most, gap = p[self.speed] * span, goal - reference
         is_behind = below(most, size(gap))
-        share = where(is_behind, 1.0, size(gap) / most)  # of the span, to reach the goal
+        share = where(is_behind, 1.0, size(gap) / most)  # (time to reach the goal) / span
         step = signed(where(is_behind, most, size(gap)), gap)
         return reference + step, reference + step - step * share * 0.5
 

@@ -79,7 +79,7 @@ class Train(PartsModel):
 
 
 def _issues(train: Train) -> Iterator[tuple[str, str]]:
-    """Yield each contradiction among the parts as an entry of the config and a message."""
+    """Yield each contradiction among the parts as (entry of the config, message)."""
     known = train.inertias
     kinds: tuple[tuple[str, Sequence[Shaft | Gear], tuple[str, ...]], ...] = (
         ("shafts", train.shafts, (*known, GROUND)),
@@ -306,7 +306,7 @@ class Description:
         )
 
     def _word(self, text: str) -> str:
-        """Return a letter, unit or word for a rotary train as the motion of this train requires it."""
+        """Translate a letter, unit or word of a rotary train if this train moves along a line."""
         return LINEAR.get(text, text) if self.train.motion == "linear" else text
 
     def _symbol(
@@ -412,10 +412,10 @@ def _rubbing(train: Train, joined: Sequence[str]) -> str:
 
 
 def _reductions(train: Train) -> dict[str, tuple[str, float]]:
-    """Return for each inertia the one whose angle is the state, and that state divided by its own angle.
+    """Return (root, reduction) for each inertia: the root's angle is `reduction` times its own angle.
 
-    Among inertias that gears join, the state is the angle of the one with an imposed speed, or else
-    of the first that drives no gear.
+    Among inertias that gears join, the root is the one with an imposed speed, or else the first that
+    drives no gear. Its angle is a state.
     """
     imposed = {drive.inertia for drive in train.drives if drive.kind == "speed"}
     inputs = {gear.ends[0] for gear in train.gears}
