@@ -19,7 +19,7 @@ NAME = r"^[A-Za-z][A-Za-z0-9_]{0,29}$"
 
 @dataclass(frozen=True, slots=True)
 class Shaft:
-    """A shaft joins the two inertias named in `ends`, one of which may be the ground."""
+    """A shaft joins the two inertias named in `ends`; one end may be the ground instead."""
 
     name: str
     ends: tuple[str, str]

@@ -33,7 +33,7 @@ class Motion:
     efforts: Array
 
 
-REVERSAL_SUBSTEPS = 4  # with 2, the error is several times as large; with 8, about as large
+REVERSAL_SUBSTEPS = 4  # parts of a step; 2 have several times the error, 8 about the same
 
 
 class Stepping(NamedTuple):
