@@ -138,8 +138,8 @@ def _check_frictions(train: Train) -> None:
         place = friction.where.removeprefix("at ")
         if friction.against in rubbing:
             message = (
-                f"{rubbing[friction.against]} and {place} turn as one, so only one of them can have "
-                "dry friction; name parameters of friction (or an efficiency) at one of them only"
+                f"{rubbing[friction.against]} and {place} turn as one, with one dry friction; "
+                "name parameters of friction (or an efficiency) at one of them only"
             )
             raise InputError.at("gears", message)
         rubbing[friction.against] = place
