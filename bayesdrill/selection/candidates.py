@@ -13,15 +13,15 @@ from bayesdrill.selection.changes import AR1, BOTH, LINEAR, NOTHING, START, Chan
 from bayesdrill.selection.config_edits import SHARED, Entries, merged
 
 MOST_PARTS = 8  # largest number of changes in a candidate
-NOT_OF_MODEL = ("map", "sampler", "output", "simulation")  # they do not affect the posterior
+NOT_OF_MODEL = ("map", "sampler", "output", "simulation")  # entries without effect on the posterior
 
 
 @dataclass(frozen=True, slots=True)
 class CandidateModel:
     """A candidate model is the model of the job `given`, with some `changes` or none.
 
-    `neutral` parameters of the rig have no effect.  With them, candidates of one kind have the same
-    parameters, so that their refits share compiled kernels.
+    `neutral` has further parameters of the rig, with values at which they have no effect.  With these,
+    all candidates of one kind have the same parameters, so their refits share compiled kernels.
     """
 
     given: Job
@@ -30,17 +30,17 @@ class CandidateModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of its changes."""
+        """Return the names of the changes."""
         return tuple(change.name for change in self.changes)
 
     @property
     def name(self) -> str:
-        """Return the names of its changes, joined by hyphens."""
+        """Return the names of the changes, joined by hyphens."""
         return "-".join(self.names)
 
     @property
     def entries(self) -> Entries:
-        """Return the entries that override those of the config."""
+        """Return the entries of all changes, which override those of the given config."""
         entries = merged({}, *(change.entries for change in self.changes))
         if SHARED in entries:
             before = self.given.source.data.get(SHARED, ())
@@ -55,45 +55,45 @@ class CandidateModel:
 
     @property
     def data(self) -> Entries:
-        """Return all entries of its config that affect the posterior."""
+        """Return all entries of the changed config that affect the posterior."""
         given = self.given.source.data.items()
         return merged({k: x for k, x in given if k not in NOT_OF_MODEL}, self.entries)
 
     def owner(self, unknown: str) -> str:
-        """Return the name of the change that an unknown belongs to, `START` if to none."""
+        """Return the name of the change that introduces an unknown, or `START` if none does."""
         for change in self.changes:
             if unknown.startswith(change.name) or ("parameters", unknown) in change.decides:
                 return change.name
         return START
 
     def job(self, *, shared: bool = False) -> Job:
-        """Return its job, with neutral parameters if `shared`; raise `InputError` if it is invalid."""
+        """Return the changed job, with neutral parameters if `shared`; `InputError` if it is invalid."""
         neutral = {"parameters": self.neutral} if shared and self.neutral else {}
         return self.given.with_data(merged(neutral, self.data))
 
 
 class CandidateModels(Setting):
-    """These methods build the candidate models of a setting."""
+    """The class builds candidate models from the changes of a setting."""
 
     def rungs(self, combinations: Iterable[tuple[str, ...]]) -> list[CandidateModel]:
         """Return a candidate for each combination of names whose changes all exist."""
         return [self._rung(names) for names in combinations if {*names} <= {*self.changes}]
 
     def singles(self, *, absorbing: bool = False) -> list[CandidateModel]:
-        """Return candidates with one change, except scales: each names a cause, or is `absorbing`."""
+        """Return candidates with one change (no scale); `absorbing` selects those without a cause."""
         changes = (x for x in self.changes.values() if not x.name.startswith(SCALE))
         selected = [change for change in changes if change.absorbs == absorbing]
         return self.rungs((change.name,) for change in selected if not change.needs)
 
     def beyond(self, names: tuple[str, ...], more: Iterable[str]) -> list[CandidateModel]:
-        """Return the candidates with these changes and one of `more`, if they are compatible."""
+        """Return the candidates with the changes `names` and one of `more`, if they are compatible."""
         if len(names) >= MOST_PARTS:
             return []
         wanted = ((*names, n) for n in more if n not in names)
         return self.rungs(filter(self.possible, wanted))
 
     def without_each(self, names: tuple[str, ...]) -> list[CandidateModel]:
-        """Return candidates without one of these changes, or with a lesser change in its place."""
+        """Return candidates with one change omitted, or replaced by a change of part of its entries."""
         subsets = [*itertools.combinations(names, len(names) - 1)][::-1]
         for name, other in itertools.product(names, self.changes.values()):
             if other.decides < self.changes[name].decides:
@@ -101,7 +101,7 @@ class CandidateModels(Setting):
         return self.rungs(subset for subset in subsets if subset and self.possible(subset))
 
     def possible(self, names: Sequence[str]) -> bool:
-        """Return whether changes are compatible, and no single change replaces several of them."""
+        """Return whether changes are compatible, and no single change is equivalent to several."""
         changes = [self.changes[name] for name in names if name in self.changes]
         decided = [place for change in changes for place in change.decides]
         needed = {change.needs for change in changes} - {""}
@@ -110,7 +110,7 @@ class CandidateModels(Setting):
             return False
         if self.time_references <= {*names}:
             return False
-        # A missing torque needs white noise, and in a rig with friction it is an approximation.
+        # A missing torque needs white noise, and is only approximate in a rig with friction.
         torque = any(name.startswith(TORQUE) for name in names)
         if torque and (AR1 in names or any(change.kind > LINEAR for change in changes)):
             return False
@@ -118,11 +118,11 @@ class CandidateModels(Setting):
         return len(frictions) < 2 or BOTH not in self.changes
 
     def scales(self) -> list[CandidateModel]:
-        """Return the candidates with one value or unit that is off by a factor."""
+        """Return the candidates in which one value or unit is corrected by a factor."""
         return self.rungs((name,) for name in self.changes if name.startswith(SCALE))
 
     def windows(self, count: int) -> list[CandidateModel]:
-        """Return the config as given for each of `count` windows of the record, with a free start."""
+        """Return a candidate for each of `count` windows of the record: the config with a free start."""
         windows = (self.window(k / count, (k + 1) / count) for k in range(count))
         changes = (Change(f"window_{k}", "", entries) for k, entries in enumerate(windows, 1))
         return [CandidateModel(self.job, (change,)) for change in changes]

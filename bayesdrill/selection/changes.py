@@ -39,7 +39,7 @@ from bayesdrill.selection.scales import scale_entries
 UNKNOWN, AR1 = NOISE
 BOTH = "friction_both"
 MISSING = "missing_torque"
-# Names of changes of a whole rig or record, some of which have a constant.
+# Names of changes of a whole rig or record; some of these changes need one of `Setting.numbers`.
 START, MOMENT, GEAR, CLOCK, LATER = "free_start", "t_0", "gear", "clock", "later"
 WIDENED = "prior_"  # prefix of the names of changes that widen the prior of an unknown
 # Keys of a sensor in the entry of a column, and all keys that an exchange of columns swaps.
@@ -49,46 +49,46 @@ OF_COLUMN = ("file", "time", "column", "variable", "unit", "mask", "wraps", "noi
 # A known sigma may be wrong by this factor, and the end of a log-uniform prior is moved by it.
 WIDER = 10.0
 MAX_LAG_SAMPLES = 20  # largest lag of a search, in samples
-# With fast samples, the largest lag is this time [s], or this share of the record if that is less.
+# With fast samples, the largest lag is the smaller of this time [s] and this fraction of the record.
 MAX_LAG, LAG_SHARE = 0.1, 0.05
-MAX_LAG_SHARE = 0.1  # no lag is larger than this share of the record, as it would hide too much
-GAIN_SD, SUPPLY_SD = 0.3, 0.3  # prior sds of the log of a gain, and of an input's relative offset
-QUARTER = 0.25  # prior scale of a missing torque, over the size of everything else that acts
-SLOWEST = 1e-3  # smallest scale of speeds for static friction, over the largest speed
-# The time of a missing torque is at least this number of samples, and at most the record over it.
+MAX_LAG_SHARE = 0.1  # upper limit of lags, as a fraction of the record; longer lags hide too much
+GAIN_SD, SUPPLY_SD = 0.3, 0.3  # prior sds of a gain's log, and of an input's offset / typical value
+QUARTER = 0.25  # prior scale of a missing torque, divided by the size of all other torques
+SLOWEST = 1e-3  # smallest speed scale of static friction, divided by the largest speed
+# Correlation time of a missing torque: at least 3 samples, at most the record's length / 3.
 TIME_PARTS = 3.0
 MIN_EFFICIENCY = 0.3  # smallest efficiency of a gear in a search
-DRAG_MARGIN = 4.0  # largest drag over the one that acts as strongly as all else
-# Largest dry friction over the one that acts as strongly as all other torques.  The root mean square
-# of these is small in a record that mostly rests.
+DRAG_MARGIN = 4.0  # largest drag, divided by the drag that acts as strongly as all other torques
+# Largest dry friction, divided by the friction that acts as strongly as all other torques.  The root
+# mean square of these torques is small in a record in which the rig mostly rests.
 HOLDING = 4.0
-# Dry friction is sought from these shares of its size, sliding and at rest, which fades over this share
-# of the largest speed.
+# Starts of searches for dry friction: sliding and static friction as fractions of its size, and the
+# speed scale of static friction as a fraction of the largest speed.
 SLIDING_SHARES, STATIC_SHARES, FADING_SHARE = (0.05, 0.5), (0.1, 0.8), 0.03
-# Physics is sought from starts between these shares of its largest size.  A rig without a drive comes
-# to rest after some number of oscillations, each of which has its own maximum, so it needs more.
+# Starts of searches for other physics, between these fractions of its largest size.  A rig without a
+# drive needs more: the likelihood has a maximum for each number of oscillations until it rests.
 SOUGHT_SIZES, DRIVEN_STARTS, FREE_STARTS = (0.003, 0.8), 14, 30
-LIMIT_STARTS = (0.2, 0.4, 0.7, 0.95)  # largest duty cycles of a servo
-# Speeds of a goal, over its largest in the record: the smallest that is sought, and starts.
+LIMIT_STARTS = (0.2, 0.4, 0.7, 0.95)  # starts for the largest duty cycle of a servo
+# Limits of a goal's speed, divided by its largest speed in the record: the smallest, and starts.
 SLOWEST_GOAL, GOAL_STARTS = 0.01, (0.03, 0.1, 0.3, 0.5, 0.8)
-BACKWARD_STARTS = (0.5, 0.9, 1.1, 2.0)  # friction backwards, over that forwards
-INERTIA_RANGE = (0.01, 10.0)  # range of a further inertia, over the one to which it is attached
-# Searches for a further inertia begin at this share of the first, with this number of stiffnesses,
-# and with this damping over inertia times frequency.
+BACKWARD_STARTS = (0.5, 0.9, 1.1, 2.0)  # starts of backward friction, divided by forward friction
+INERTIA_RANGE = (0.01, 10.0)  # a further inertia, divided by the inertia to which it is attached
+# Starts of searches for a further inertia: its fraction of the original inertia, the number of
+# stiffnesses, and damping / (inertia * frequency).
 SOUGHT_SHARE, SOUGHT_SWINGS, SOUGHT_DAMPING = 0.3, 6, 0.05
-# Kinds of physics, by the simulator that they need: a linear one, Coulomb's law, or another law.
-# Candidates of one kind have all of its parameters, some at neutral values, so they share kernels.
+# Kinds of physics, by the simulator that they need: linear, with Coulomb's law, or with another law.
+# Candidates of one kind share kernels: each has all parameters of the kind, some at neutral values.
 LINEAR, COULOMB, OTHER_LAW = 1, 2, 3
 NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A change of a model, described by `words`, has `entries` that override those of its config.
+    """A change of a model has `entries` that override those of the config; `words` describe it.
 
-    `lacks` are parameters of the rig that it introduces.  `needs` is a parameter that another change
-    has to introduce, and `optional` an unknown that may be zero.  Physics has a `kind`, see `LINEAR`,
-    and `neutral` values, at which it has no effect.  Searches begin at `starts`.
+    `lacks` are the rig's parameters that the change introduces.  `needs` is a parameter that another
+    change has to introduce, and `optional` an unknown that may be zero.  A change of physics has a
+    `kind`, see `LINEAR`, and `neutral` values without effect.  Searches begin at `starts`.
     """
 
     name: str
@@ -103,21 +103,21 @@ class Change:
 
     @property
     def absorbs(self) -> bool:
-        """Return whether it absorbs any misfit without naming a cause."""
+        """Return whether the change absorbs any misfit without naming a cause."""
         return self.name in NOISE or self.name.startswith(TORQUE)
 
     @property
     def decides(self) -> frozenset[Place]:
-        """Return the places in a config that it sets; changes of the same place are incompatible."""
+        """Return the places in a config that the change sets; compatible changes share no place."""
         return frozenset(leaves(self.entries))
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A setting has the information by which changes of `job` are chosen.
+    """A setting has the information from which changes of `job` are built.
 
-    `sizes` are values at which parameters would act as strongly as all else.  `speeds` are the largest
-    speeds of inertias, `values` of parameters those at the maximum, and `numbers` constants of changes.
+    At a value in `sizes`, a parameter would act as strongly as all others.  `speeds` are the largest
+    speeds of inertias, `values` the rig's parameters at the maximum, `numbers` constants of changes.
     """
 
     job: Job
@@ -128,7 +128,7 @@ class Setting:
 
     @classmethod
     def from_job(cls, job: Job, values: Mapping[str, float]) -> Self:
-        """Return the setting with the larger sizes and speeds of the config's start and of `values`."""
+        """Return the setting with sizes and speeds at the start or at `values`, whichever are larger."""
         space, observations = job.problem.posterior.space, job.problem.observations
         setting, inertias = cls(job), [i for i in job.problem.model.roles.inertias if i.static]
         for at in (space.start, {**space.start, **values}):
@@ -142,11 +142,11 @@ class Setting:
         return replace(setting, values=p)
 
     def with_numbers(self, **numbers: float) -> Self:
-        """Return the setting with these constants of changes."""
+        """Return the setting with further constants of changes, by name."""
         return replace(self, numbers={**self.numbers, **numbers})
 
     def at_least(self, sizes: Mapping[str, float], speeds: Mapping[str, float]) -> Self:
-        """Return the setting with sizes and speeds that are at least these."""
+        """Return the setting with each size and speed raised to at least the given one."""
         return replace(
             self, sizes=_largest(self.sizes, sizes), speeds=_largest(self.speeds, speeds)
         )
@@ -163,7 +163,7 @@ class Setting:
 
     @property
     def weights(self) -> dict[str, float]:
-        """Return the inertia of each part of the rig that has a parameter for it, by its name."""
+        """Return by name the value of each inertia that is a parameter of the rig."""
         inertias = self.job.problem.model.roles.inertias
         return {i.name: self.values[i.inertia] for i in inertias if i.inertia in self.values}
 
@@ -196,10 +196,10 @@ class Setting:
         return min(each.dt for each in self._experiments), max(lengths)
 
     def _shared(self, *names: str) -> Entries:
-        """Return the entry by which names are unknowns of all experiments, if there are several."""
+        """Return the entry that makes `names` common to all experiments, if there are several."""
         return {SHARED: [*names]} if self._data.get(EXPERIMENTS) else {}
 
-    # Priors that end too early.
+    # Priors whose range is too narrow.
 
     def _widened(self) -> Iterator[Change]:
         parameters, symbols = self.job.problem.model.parameters, self.job.problem.model.symbols
@@ -218,7 +218,7 @@ class Setting:
                 yield Change(part, f"a wider prior of {name}", lines)
 
     def _prior(self, name: str) -> tuple[Place, Entries] | None:
-        """Return the entry with the prior of an unknown, and its place; None if it is not found."""
+        """Return the place and the entry of an unknown's prior; None if it is not found."""
         ending = next((f"_{e.label}" for e in self._observations if name.endswith(e.label)), "")
         kind, _, owner = name.removesuffix(ending).partition("_")
         tops = ("parameters", "quantities", "inputs")
@@ -239,7 +239,7 @@ class Setting:
                 words = f"the columns of {pair[0]} and {pair[1]} exchanged"
                 yield Change(f"exchange_{'_'.join(pair)}", words, self._exchanged(*pair))
         for name in units:
-            if name in self._units or len(self._units) > 1:  # a single channel needs no other sign
+            if name in self._units or len(self._units) > 1:  # inputs only with several channels
                 yield Change(f"sign_{name}", f"the sign of {name} turned", self._turned(name))
         for name in units:
             gain = {"prior": "log_normal", "median": 1.0, "sd_log": GAIN_SD}
@@ -248,7 +248,7 @@ class Setting:
             yield self._sensor("offset", name, {"prior": "normal", "mean": 0.0, "sd": size})
 
     def _exchanged(self, *names: str) -> Entries:
-        """Return lines that exchange two columns; none if a key of one would have to be removed."""
+        """Return lines that exchange two columns; no lines if a column would have to lose a key."""
         lines: Entries = {}
         for (first, a), (second, b) in zip(*(columns(self._data, n) for n in names), strict=False):
             keys = [key for key in OF_COLUMN if key in a or key in b]
@@ -296,9 +296,9 @@ class Setting:
 
     @cached_property
     def time_references(self) -> frozenset[str]:
-        """Return changes that shift a channel, or all inputs, in time.
+        """Return names of changes that shift a channel, or all inputs, in time.
 
-        One of them is not made, as the reference of time; inputs can be it if they change.
+        No candidate has all of them: a channel, or inputs that change, must be the reference of time.
         """
         sensing = [observation.response.sensing for observation in self._observations]
         known = not any(each.states or each.steady for each in sensing)
@@ -308,7 +308,7 @@ class Setting:
 
     @property
     def clocks(self) -> tuple[str, ...]:
-        """Return names of changes of a clock, of the record or of a channel, if there are several."""
+        """Return the names of clock changes, for record and channels; none if all share one clock."""
         names = (*self._units, *self._inputs)
         timed = {n for n in names for _, entry in columns(self._data, n) if "time" in entry}
         return (CLOCK, *(f"{CLOCK}_{n}" for n in self._units if n in timed)) if timed else ()
@@ -322,7 +322,7 @@ class Setting:
         largest = max(max(MAX_LAG_SAMPLES * dt, min(MAX_LAG, LAG_SHARE * s)) for dt, s in pairs)
         largest = min(largest, *(MAX_LAG_SHARE * length for _, length in pairs))
         lag = uniform(largest, -largest)
-        # `t_0` shifts all inputs, and so the first; a single channel's lag is equivalent to it.
+        # `t_0` replaces a lag of the first input; the lag of a single channel replaces `t_0`.
         for name in (*(self._units if len(fixed) > 1 else ()), *self._inputs[1:]):
             yield self._sensor("lag", name, lag)
         if len(fixed) > 1 and MOMENT in fixed and len(self._units) > 1:
@@ -344,7 +344,7 @@ class Setting:
             yield Change(GEAR, "another gear", self._model({model.roles.gear: ratio}))
 
     def window(self, begin: float, end: float, later: float = 0.0) -> Entries:
-        """Return lines that limit all experiments to shares of their times, with a free start."""
+        """Return lines that limit experiments to these fractions of their time, with free starts."""
         several, lines = self._data.get(EXPERIMENTS), []
         for observation in self._observations:  # experiments that are held out do not change
             first, *_, last = observation.experiment.t.tolist()
@@ -410,14 +410,14 @@ class Setting:
                 yield replace(part, neutral=NOTHING, lacks=(), starts=starts)
 
     def _dry(self, name: str, words: str, sizes: Mapping[str, float]) -> Change:
-        """Return dry frictions that may be larger than their `sizes`, and are sought below these."""
+        """Return dry frictions with priors up to `HOLDING` times their `sizes`, and smaller starts."""
         priors = {friction: uniform(HOLDING * size) for friction, size in sizes.items()}
         places = ([(name, size * x) for x in SLIDING_SHARES] for name, size in sizes.items())
         starts = tuple(dict(place) for place in itertools.product(*places))
         return replace(_physics(name, words, priors), starts=starts)
 
     def _at_rest(self, i: InertiaRoles) -> Iterator[Change]:
-        """Yield friction at rest, for candidates with dry friction, and both at once."""
+        """Yield static friction for candidates with dry friction, then both in one change."""
         sizes = self.sizes
         largest = self.speeds.get(i.name, 0.0)
         if i.static not in sizes or largest == 0:
@@ -437,12 +437,12 @@ class Setting:
         yield replace(part, neutral=NOTHING, lacks=(i.sliding,), starts=starts)
 
     def _fastest(self, goal: str) -> float:
-        """Return the largest speed of a measured goal; a jump counts as one within a sample."""
+        """Return the largest speed of a measured goal; a jump is a ramp between two samples."""
         records = [(each.t, each.series[goal]) for each in self._experiments if goal in each.series]
         return max((float(np.abs(np.diff(u) / np.diff(t)).max()) for t, u in records), default=0.0)
 
     def _by_direction(self, at: InertiaRoles) -> Iterator[Change]:
-        """Yield frictions with another size backwards, each with the prior of that forwards."""
+        """Yield frictions that may differ backwards; the prior is the same in both directions."""
         kinds = (
             ("direction", "dry friction", at.sliding, at.sliding_back),
             ("direction_rest", "friction at rest", at.static, at.static_back),
@@ -473,7 +473,7 @@ class Setting:
         return all(names) and {*names} <= {*model.offers} - {*model.parameters}
 
     def _passes_on(self, inertia: InertiaRoles) -> bool:
-        """Return whether a load is behind the gear, and no other inertia with its speed has friction."""
+        """Return whether a gear joins the inertia to a load, and no joined inertia has friction."""
         model = self.job.problem.model
         roles, has = model.roles, {*model.parameters}
         joined = [i for i in roles.inertias if i.speed == inertia.speed and i is not inertia]
@@ -482,7 +482,7 @@ class Setting:
         return loaded and not any({i.sliding, i.efficiency} & has for i in joined)
 
     def _inertias(self) -> Iterator[Change]:
-        """Yield changes that attach a further inertia by a spring, as the rig or a train allows."""
+        """Yield changes that attach an inertia by a spring, if the rig offers it or is a train."""
         model = self.job.problem.model
         pairs = itertools.permutations(model.roles.inertias, 2)
         for shaft, (new, other) in itertools.product(model.roles.shafts, pairs):
@@ -512,7 +512,7 @@ class Setting:
     def _inertia(self, at: InertiaRoles, names: tuple[str, str, str], lines: Entries) -> Change:
         """Return the change that attaches a further inertia by a damped spring.
 
-        It oscillates on this spring at least once in the record, and at most as fast as samples resolve.
+        Its period on this spring is at least two samples and at most the length of the record.
         """
         weight, (step, longest) = self.weights[at.name] / at.reduction**2, self._span
         slow, fast = 2 * math.pi / longest, math.pi / step
@@ -545,11 +545,11 @@ class Setting:
                 shortest = TIME_PARTS * step
                 time = log_uniform(shortest, max(longest / TIME_PARTS, 2 * shortest))
                 torque = {"at": i.name, "smoothness": "1/2", "size": size, "time": time}
-                lines = merged({MISSING: torque}, self._shared("s_d", "tau_d"))  # for all
+                lines = merged({MISSING: torque}, self._shared("s_d", "tau_d"))  # common to all
                 yield Change(f"{TORQUE}{i.name}", f"a missing {roles.motion.torque} {i.at}", lines)
 
     def _noise(self, *, remembers: bool) -> Entries:
-        """Return lines that free the noise of each channel, which is correlated if it `remembers`.
+        """Return lines that make each known sigma an unknown, and the noise AR(1) if `remembers`.
 
         A sigma that is given once for all experiments becomes one unknown.
         """

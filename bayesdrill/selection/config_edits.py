@@ -1,4 +1,4 @@
-"""Edit the entries of a config with those of a candidate model, and write the config as text."""
+"""Merge the entries of a candidate model into a config, and write the config as text."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def nested(place: Place, value: Any) -> Entries:
 
 
 def merged(first: Mapping[str, Any], *others: Mapping[str, Any]) -> Entries:
-    """Merge `others` into the entries `first`; later entries win, and lists `shared` are joined."""
+    """Merge `others` into `first`: later entries override earlier ones, lists `shared` are joined."""
     entries = copy.deepcopy(dict(first))
     for other in others:
         for key, value in other.items():
@@ -56,7 +56,7 @@ def merged(first: Mapping[str, Any], *others: Mapping[str, Any]) -> Entries:
 
 
 def leaves(lines: Mapping[str, Any], place: Place = ()) -> Iterator[Place]:
-    """Yield the place of each entry in `lines`; a prior is a single entry; `shared` is left out."""
+    """Yield the place of each entry in `lines` except `shared`; a prior counts as one entry."""
     for key, value in lines.items():
         if isinstance(value, Mapping) and "prior" not in value:
             yield from leaves(value, (*place, key))
@@ -72,7 +72,7 @@ def sections(data: Mapping[str, Any]) -> Iterator[tuple[Place, Entries]]:
 
 
 def columns(data: Mapping[str, Any], name: str) -> Iterator[tuple[Place, Entries]]:
-    """Yield place and entries of the channel or input `name`, at the top and in experiments."""
+    """Yield place and entries of the channel or input `name`, at the top level and in experiments."""
     for place, section in sections(data):
         lines_within = {
             ("record", "channels"): (section.get("record") or {}).get("channels") or {},
@@ -85,7 +85,7 @@ def columns(data: Mapping[str, Any], name: str) -> Iterator[tuple[Place, Entries
 
 
 def amended(job: Job, cause: Cause) -> Entries:
-    """Return the config of a job with the lines of a cause, and walkers enough for all unknowns."""
+    """Return the config of a job with the lines of a cause, and enough walkers for all unknowns."""
     data = merged(job.source.data, parse(job.source.path, cause.lines).data)
     walkers, unknowns = (data.get("sampler") or {}).get("walkers"), len(job.problem.names)
     if isinstance(walkers, int):
@@ -97,10 +97,10 @@ def amended(job: Job, cause: Cause) -> Entries:
 def as_file(
     data: Mapping[str, Any], given: Source, folder: Path, about: Sequence[str], name: str = ""
 ) -> str:
-    """Return a config as the text of a file for `folder`, which begins with the comments `about`.
+    """Return the text of a config file for `folder`; it begins with the comments `about`.
 
-    Paths of records become relative to `folder`, and `output` is that of the config `given`.  A
-    `name` replaces that of the config, under which its results are stored.
+    Paths of records become relative to `folder`, and `output` is taken from the config `given`.
+    A `name` replaces the config's name, under which results are stored.
     """
     written = copy.deepcopy({key: entry for key, entry in data.items() if key != "output"})
     written |= {"output": drawn} if (drawn := given.data.get("output")) else {}

@@ -1,4 +1,4 @@
-"""Find entries of a config that may be off by the factor of a wrong unit, and correct them."""
+"""Build changes of a config that correct the factor of a wrong unit in one of its entries."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from bayesdrill.basics import units
 from bayesdrill.config.job import Job
 from bayesdrill.selection.config_edits import Entries, Place, columns, merged, nested, rounded
 
-OF_ALL = FACTORS[-1:]  # thousandths occur in all units, the other factors only in a rotation's
-OF_ROTATION = ("rad", "N*m/A")  # units, or parts of units, of values that are often given by rpm
-# Keys of a prior that have its unit.
+OF_ALL = FACTORS[-1:]  # 1000 applies to all units, the other factors only to units of rotation
+OF_ROTATION = ("rad", "N*m/A")  # parts of units whose values are often given with rpm for rad/s
+# Keys of a prior whose numbers have the unit of the unknown.
 KEYS = ("value", "low", "high", "median", "mean", "sd", "scale", "start")
 
 
 def scale_entries(job: Job) -> Iterator[tuple[str, str, Entries]]:
-    """Yield name, words and lines of each change of a value or unit by the factor of a wrong unit."""
+    """Yield (name, words, lines) of each change that corrects the factor of a wrong unit."""
     symbols = job.problem.model.symbols
     for name in job.problem.model.parameters:
         if (given := _value(job, name)) is None:
@@ -33,7 +33,7 @@ def scale_entries(job: Job) -> Iterator[tuple[str, str, Entries]]:
 
 
 def _value(job: Job, name: str) -> tuple[Place, Any] | None:
-    """Return place and entry of the number that decides a parameter; None if others decide it."""
+    """Return place and entry of the number that sets a parameter; None if no number sets it."""
     data = job.source.data
     entry, nominal = (data.get("parameters") or {}).get(name), data.get("nominal")
     if entry == "nominal" or (isinstance(entry, dict) and entry.get("relative")):
@@ -67,7 +67,7 @@ def _columns(job: Job) -> Iterator[tuple[str, str, Entries]]:
 
 
 def _rescaled(place: Place, entry: Any, kind: str, times: float) -> Entries:
-    """Return lines by which a column or constant is `times` as large: another unit, or a gain."""
+    """Return lines that multiply a column or constant by `times`, with another unit or a gain."""
     if not isinstance(entry, dict):
         return nested(place, rounded(entry * times, 9))
     given = units.factor(entry.get("unit", kind), kind)

@@ -184,16 +184,16 @@ MESSAGES = {
     "no_dataclass": "a rig is a frozen dataclass",
     "stranger": "it is no bayesdrill.rig.Model; derive it from that",
     "nameless": "it has no parameters, states, inputs, declares, linear",
-    "other_name": "its name is 'even', and its entry point's 'other_name'",
-    "no_symbol": "no symbol is declared of c_x",
-    "other_unit": "it declares j_1 in m; that is kg*m**2",
+    "other_name": "its name is 'even', but its entry point is called 'other_name'",
+    "no_symbol": "no symbol is declared for c_x",
+    "other_unit": "it declares j_1 in m; its unit is kg*m**2",
     "exponential": "more than + - * / and whole powers",
-    "no_column": "`linear` has no column of the friction friction_1 in `B`",
-    "no_state": "the friction friction_1 names w_3, t_x, which the rig has",
-    "taken_name": "a friction is called t_1, which is something else",
+    "no_column": "`linear` has no column in `B` for the friction friction_1",
+    "no_state": "the friction friction_1 names w_3, t_x, which the rig lacks",
+    "taken_name": "a friction is called t_1, but that name is already used",
     "no_law": "the friction friction_1: its law uses values that it does not name",
     "no_default": "each field needs a default (TypeError",
-    "other_state": "`linear` names w_3, no state or input of it",
+    "other_state": "`linear` names w_3, no state or input of the rig",
 }
 ASK = """
 import json

@@ -144,7 +144,7 @@ def test_a_record_that_cannot_be_compressed_is_refused_or_exact() -> None:
     torque = {"missing_torque": {"at": "rotor_1", "size": 0.1, "time": 0.5}}
     cases = [
         ("the rig has dry friction", {"t_c1": 0.01}, {}, {}),
-        ("its channels are late, or its inputs", {}, lag, {}),
+        ("its channels or inputs are delayed", {}, lag, {}),
         ("a torque is missing", {}, {}, torque),
     ]
     for reason, rubs, sensor, missing in cases:

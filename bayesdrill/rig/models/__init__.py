@@ -1,6 +1,6 @@
-"""Register the rigs, and collect the symbols of all of them.
+"""Register the rigs, and collect the symbols of all rigs.
 
-A rig is one class and one line here, or an entry point `bayesdrill.rig` of another package.
+Each rig is a class in `_RIGS`, or an entry point `bayesdrill.rig` of another package.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MODELS: Registry[type[Model]] = Registry("rig", _RIGS, judge=check_rig)
 
 
 def _rigs() -> list[Model]:
-    """Return the usable rigs with names that mean the same everywhere, each with all its options."""
+    """Return each usable rig with all its options, except rigs with private names of symbols."""
     rigs = [with_all(kind()) for kind in MODELS.usable().values()]
     return [rig for rig in rigs if not rig.has_private_names]
 
@@ -37,7 +37,7 @@ def _rigs() -> list[Model]:
 def _all(role: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:
     """Return the `known` symbols, then those that rigs declare.
 
-    None can give another meaning to a name that has one.
+    A rig cannot redefine a name that is already `known`.
     """
     declared = {
         symbol.name: symbol
@@ -50,4 +50,4 @@ def _all(role: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:
 
 PARAMETERS = _all("parameters", symbols.PARAMETERS)
 STATES = _all("states", symbols.STATES)
-INNER = frozenset(name for rig in _rigs() for name in rig.inner)  # states that no start names
+INNER = frozenset(name for rig in _rigs() for name in rig.inner)  # states without a start value

@@ -1,4 +1,4 @@
-"""Define the parts of a drive train as a config names them: shafts, gears and drives."""
+"""Define the parts of a drive train that a config describes: shafts, gears and drives."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NAME = r"^[A-Za-z][A-Za-z0-9_]{0,29}$"
 
 @dataclass(frozen=True, slots=True)
 class Shaft:
-    """A shaft is between two inertias, which `ends` names."""
+    """A shaft joins the two inertias named in `ends`; one end may be the ground instead."""
 
     name: str
     ends: tuple[str, str]
@@ -27,7 +27,7 @@ class Shaft:
 
 @dataclass(frozen=True, slots=True)
 class Gear:
-    """In a rigid gear the second inertia turns `ratio` times as far as the first."""
+    """A gear is rigid: the second of its `ends` turns `ratio` times as far as the first."""
 
     name: str
     ends: tuple[str, str]
@@ -38,7 +38,7 @@ class Gear:
 class Drive:
     """A drive moves an inertia, and is one of the `DRIVES`.
 
-    `supply` [V] is the usual one of a servo whose supply is measured, and zero otherwise.
+    `supply` [V] is the usual supply voltage of a servo whose supply is measured, otherwise zero.
     """
 
     inertia: str
@@ -47,7 +47,7 @@ class Drive:
 
     @property
     def entry(self) -> Any:
-        """Return the entry of a config."""
+        """Return the drive as an entry of a config."""
         return {self.kind: self.supply} if self.supply else self.kind
 
 
@@ -59,7 +59,7 @@ def _ends(name: str, value: Any) -> tuple[str, str]:
 
 
 def _by_name(value: Any, kind: type, example: str, make: Callable[[str, Any], Any]) -> Any:
-    """Make parts from a mapping of names, or from parts that are made already."""
+    """Make parts from a mapping of names to entries, or again from a tuple of such parts."""
     if isinstance(value, tuple) and all(isinstance(part, kind) for part in value):
         pairs = [_entry(part) for part in value]
     elif isinstance(value, Mapping):
@@ -113,8 +113,8 @@ def _drive(name: str, entry: Any) -> Drive:
     is_number = isinstance(supply, int | float) and not isinstance(supply, bool)
     if not is_number or not 1e-6 <= supply <= 1e6:
         raise ValueError(
-            f"{name} has the drive {short_repr(dict(entry))}; write `servo` or, if its supply is "
-            "measured, its usual value in V: `{servo: 12}`"
+            f"{name} has the drive {short_repr(dict(entry))}; write `servo` or, if the supply is "
+            "measured, the usual supply in V: `{servo: 12}`"
         )
     return Drive(name, "servo", float(supply))
 

@@ -1,12 +1,13 @@
 """Derive the equations of a rig from its parts, by Newton's law for inertias that turn as one.
 
-    J w' = sum of torques,  J = j + sum of (i / i_b)^2 j_b        at the first of them, before its gear
-    l i' = u - (r + r_s) i - k_e w_b                              of each motor with an inductance
-    u = supply duty (k_p (goal - theta_b) - k_d w_b)              of a servo (see `servo`)
+    J w' = sum of torques,  J = j + sum of (i / i_b)^2 j_b        for inertias that turn as one
+    l i' = u - (r + r_s) i - k_e w_b                              for each motor with an inductance
+    u = supply duty (k_p (goal - theta_b) - k_d w_b)              for a servo (see `servo`)
 
-An inertia whose `reduction` is i turns 1/i times as fast as the state that is its speed.  So a torque
-on it has i times the effect on that state of one behind the gear.  A shaft or a damper acts at both of
-its ends, one of which may have an imposed motion or be the ground.
+J is referred to the first of these inertias, whose speed is w.  The state is the speed behind the gear:
+`reduction` i times the speed of an inertia before the gear.  A torque T on such an inertia acts on the
+state like a torque T/i behind the gear.  A shaft or a damper acts on both of its ends, except on the
+ground and on an end with an imposed motion.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ from bayesdrill.rig.models.linear import Linear, Model
 from bayesdrill.rig.models.roles import GROUND, InertiaRoles, MotorRoles, ShaftRoles
 from bayesdrill.rig.models.servo import Saturation
 
-CONSTANT = ""  # the column of constant forcing, `c`
-Entry = tuple[str, str, Any]  # row, column of A, of B or `CONSTANT`, value
+CONSTANT = ""  # stands for a column: the entry belongs to the constant forcing `c`
+Entry = tuple[str, str, Any]  # (row, column of A or B or `CONSTANT`, value)
 
 
 class PartsModel(Model):
@@ -45,7 +46,7 @@ class PartsModel(Model):
 
     @property
     def stribeck(self) -> Literal[1, 2]:
-        """Return the power of the speed in Stribeck's law; usually a field."""
+        """Return the power of the speed in Stribeck's law; most rigs make it a field."""
         return 1
 
     @property
@@ -70,19 +71,19 @@ class PartsModel(Model):
 
 
 def coordinate_inertia(model: PartsModel, speed: str, p: Named) -> Any:
-    """Return the inertia of all that turns with a speed, referred to the first of these inertias."""
+    """Return the sum of the inertias that turn with a `speed`, referred to the first of them."""
     return _parts(model).inertia(speed, p)
 
 
 def _times(factor: float, number: Any) -> Any:
-    """Multiply, except by one: kernels should contain no superfluous operation."""
+    """Multiply, but not by 1 or -1, as kernels should contain no superfluous operation."""
     if factor == 1.0:
         return number
     return -number if factor == -1.0 else factor * number
 
 
 class _Parts:
-    """A rig has the parts whose parameters, states and inputs have names.
+    """The class writes the equations of all parts whose parameters the rig `model` has.
 
     `moving` maps each speed that is a state to the inertias that turn with it.
     """
@@ -92,7 +93,7 @@ class _Parts:
         self.names, self.states = {*model.parameters}, model.states
         self.moving = self.roles.moving(self.states, self.names)
 
-    # Inertias and torques, referred to the state.
+    # Inertias, and factors of torques in the equations.
 
     def inertia(self, speed: str, p: Named) -> Any:
         """See `coordinate_inertia`."""
@@ -104,7 +105,7 @@ class _Parts:
         return total
 
     def torque_factor(self, inertia: InertiaRoles) -> float:
-        """Return the factor of a torque on the inertia in the equation of its `coordinate_inertia`."""
+        """Return f in J w' = f T for a torque T on the inertia: w is the state, J its inertia."""
         first = self.moving[inertia.speed][0]
         if inertia.reduction == first.reduction:
             return first.reduction
@@ -114,7 +115,7 @@ class _Parts:
         return self.names.issuperset(names)
 
     def _ends(self, shaft: ShaftRoles) -> list[tuple[InertiaRoles, InertiaRoles | None]]:
-        """Return the ends of a shaft that move, each as the near and the far inertia."""
+        """Return (near, far) by end of a shaft if the end's speed is a state; a far ground is None."""
         first, second = (
             None if name == GROUND else self.roles.inertia(name) for name in shaft.ends
         )
@@ -222,7 +223,7 @@ class _Parts:
     def _volts(
         self, motor: MotorRoles, inertia: InertiaRoles, row: str, volt: Any, p: Named
     ) -> Iterator[Entry]:
-        """Yield the effects of a motor's voltage on a row, if one volt has the effect `volt`."""
+        """Yield the entries of a row due to a motor's voltage; `volt` is the entry for one volt."""
         if not motor.goal:
             yield row, motor.voltage, volt
             return
@@ -238,7 +239,7 @@ class _Parts:
     # Gravity, frictions and servos.
 
     def saturations(self) -> Iterator[Saturation]:
-        """Yield the servos that are more than a linear closed loop."""
+        """Yield the servos that a linear closed loop does not describe, for example with saturation."""
         for motor in self.roles.motors:
             if motor.is_limited(self.names):
                 turns = self.roles.inertia(motor.inertia).speed
@@ -306,7 +307,7 @@ class _Parts:
         return laws
 
     def _loads(self, inertia: InertiaRoles) -> tuple[LoadSpring | Gravity, ...]:
-        """Return springs and weights behind the gear of an inertia, to which it transmits torque."""
+        """Return the springs and weights to which an inertia transmits torque through its gear."""
         springs = (
             LoadSpring(
                 shaft.stiffness,
@@ -327,7 +328,7 @@ class _Parts:
         return (*springs, *weights)
 
     def voltage_drops(self) -> Iterator[Friction]:
-        """Yield the voltage drop against each current that has one."""
+        """Yield the voltage drop of each motor that has such a parameter."""
         for motor in self.roles.motors:
             if self._has(motor.drop) and motor.current in self.states:
                 yield Friction(
@@ -340,7 +341,7 @@ class _Parts:
 
 
 def effort_name(symbol: Symbol | None, name: str) -> str:
-    """Return the name of an effort's symbol, or else `name`."""
+    """Return the name of an effort's `symbol`, or `name` if there is no symbol."""
     return symbol.name if symbol else name
 
 

@@ -26,7 +26,7 @@ DIRECTION = "direction"  # name of the sign of the speed among the arguments of 
 
 
 class Law(Protocol):
-    """A law gives the size of a friction as a function of the speed; it is immutable, as rigs are."""
+    """A law gives the size of a friction as a function of the speed; laws are immutable, like rigs."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -34,14 +34,14 @@ class Law(Protocol):
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """Return the states and inputs that the law needs beside the speed.
+        """Return the states and inputs that the law needs in addition to the speed.
 
         `DIRECTION` is among them if the size differs by direction.
         """
 
     @property
     def steady(self) -> bool:
-        """Return whether the size depends on the parameters and the direction alone."""
+        """Return whether the size depends only on the parameters and the direction."""
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """Return the size at a `speed` that is not negative."""
@@ -52,16 +52,16 @@ class SettlingLaw(Law, Protocol):
     """A settling law has a size that decays to a constant at high speed."""
 
     def decay_terms(self, p: Named, speed: Any) -> tuple[Any, Any]:
-        """Return that constant, and the exponent x of the remaining excess, which decays as exp(-x)."""
+        """Return (c, x) for the size c + a exp(-x): the constant c, and the exponent x at `speed`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Friction:
-    """A friction is one dry friction of a rig.
+    """A friction is a single dry friction of a rig.
 
-    `name` is its column of `B`. It opposes the speed (or current) `against`. `holds` is the angle
-    that stays constant while it sticks. `where` says its place in words, such as `at rotor 1`.
-    `symbol` names its effort in figures.
+    `name` is its column of `B`. The friction opposes the speed (or current) `against`. `holds` is the
+    angle that stays constant while the friction sticks. `where` is its location in words, such as
+    `at rotor 1`. `symbol` is the symbol of its effort in figures.
     """
 
     name: str
@@ -74,11 +74,11 @@ class Friction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gravity:
-    """Gravity adds to the spring of a pendulum the effort `weight (sin(angle + tilt) - angle)`.
+    """Gravity on a pendulum is a linear spring plus the effort `weight (sin(a + tilt) - a)`.
 
-    The spring, of stiffness `weight`, is in the rig's `A`, and this effort in the column `name` of
-    `B`. `angle` and `speed` are states, `reduction` times those of the pendulum. `tilt` is None if
-    the pendulum has none.
+    The spring has the stiffness `weight` and is in the rig's `A`. The effort is the column `name` of
+    `B`. The states `angle` and `speed` are `reduction` times the pendulum's own angle a and speed.
+    `tilt` is None for a pendulum without a tilt.
     """
 
     name: str
@@ -99,12 +99,12 @@ class Gravity:
         return (self.angle,)
 
     def torque(self, p: Named, angle: Any) -> Any:
-        """Return the effort at the state `angle`, positive against the angle."""
+        """Return the effort at the state `angle`; a positive effort pushes backwards."""
         turned = _before_gear(angle, self.reduction)
         return p[self.weight] * (self._sine(p, turned) - turned)
 
     def load(self, p: Named, seen: Mapping[str, Any]) -> Any:
-        """Return the whole torque against the angle, that of the spring included."""
+        """Return the total torque of gravity, which is the effort plus the torque of the spring."""
         return p[self.weight] * self._sine(p, _before_gear(seen[self.angle], self.reduction))
 
     def _sine(self, p: Named, turned: Any) -> Any:
@@ -114,7 +114,7 @@ class Gravity:
 
 @dataclass(frozen=True, slots=True)
 class Coulomb:
-    """Coulomb friction has the size `sliding` at any speed; backwards `backward`, if it is named."""
+    """Coulomb friction has the size `sliding` or, in backward motion, `backward` (if named)."""
 
     sliding: str
     backward: str = ""
@@ -123,7 +123,7 @@ class Coulomb:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the names of the sliding friction, and of that backwards."""
+        """Return the name of the sliding friction, then that of the backward one if it differs."""
         return (self.sliding, *filter(None, [self.backward]))
 
     @property
@@ -140,8 +140,8 @@ class Coulomb:
 class Stribeck:
     """Stribeck's law is `sliding + (static - sliding) exp(-(|w|/scale)^power)`.
 
-    The speed w is the state, multiplied by `times`. `backward` has the names of sliding and static
-    friction backwards, which are empty if they do not differ by direction.
+    The speed w is the state multiplied by `times`. `backward` has the names of sliding and static
+    friction in backward motion; a name is empty if that friction is the same in both directions.
     """
 
     sliding: str
@@ -180,7 +180,7 @@ class Stribeck:
 
 @dataclass(frozen=True, slots=True)
 class QuadraticDrag:
-    """Quadratic drag is `drag (times w)^2`: it vanishes at rest, so that nothing sticks."""
+    """Quadratic drag is `drag (times w)^2`: it vanishes at rest, so it never sticks."""
 
     drag: str
     times: float = 1.0
@@ -200,10 +200,10 @@ class QuadraticDrag:
 
 @dataclass(frozen=True, slots=True)
 class BackwardDamping:
-    """The excess of viscous friction backwards is `(backward - forward) |w|`.
+    """In backward motion, viscous friction is larger by `(backward - forward) |w|`.
 
-    The friction forwards is in the rig's matrix `A`, for both directions. The speed w is the
-    state, multiplied by `times`.
+    The rig's matrix `A` has the friction `forward |w|` in both directions. The speed w is the state
+    multiplied by `times`.
     """
 
     forward: str
@@ -228,8 +228,8 @@ class BackwardDamping:
 class BitRock:
     """The torque is `W b_0 (tanh(b_1 |w|) + b_2 |w| / (1 + b_3 w^2))` under the weight W on the bit.
 
-    It vanishes at rest, so that nothing sticks. W is in N. The law is that of a drill-string code
-    of LAVI, COPPE/UFRJ.
+    The torque vanishes at rest, so the bit never sticks. W is in N. The law is taken from a
+    drill-string code of LAVI, COPPE/UFRJ.
     """
 
     factor: str
@@ -260,7 +260,7 @@ class BitRock:
 
 @dataclass(frozen=True, slots=True)
 class CombinedLaw:
-    """A combined law is the sum of two laws at one place."""
+    """A combined law is the sum of two laws of friction at the same inertia."""
 
     first: Law
     second: Law
@@ -272,7 +272,7 @@ class CombinedLaw:
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """Return the states and inputs that either law needs."""
+        """Return the states and inputs that the two laws need."""
         return (*self.first.seen, *self.second.seen)
 
     @property
@@ -289,7 +289,7 @@ class CombinedLaw:
 class LoadSpring:
     """A load spring is behind a gear, between its `near` end and its `far` end (None for the ground).
 
-    Each end is a state and a reduction factor: the state is that factor times the angle of the end.
+    Each end is (state, reduction): the state is `reduction` times the angle of that end.
     """
 
     stiffness: str
@@ -321,10 +321,10 @@ def _before_gear(angle: Any, reduction: float) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class GearLoss:
-    """The loss is (1/eta - 1) of the torque that a gear of efficiency eta passes on to `loads`.
+    """The loss is (1/eta - 1) times the torque that a gear of efficiency eta transmits to `loads`.
 
-    `factor` refers the torque of the loads to the side of the friction. If the load drives, the
-    efficiency of the gear is `driven_back`, or 2 - 1/eta if that is not named.
+    `factor` refers the torque of the loads to the side of the gear where the friction acts. While the
+    load drives, the efficiency is `driven_back`, or 2 - 1/eta if no `driven_back` is named.
     """
 
     efficiency: str
@@ -351,13 +351,13 @@ class GearLoss:
         first, *others = (load.load(p, seen) for load in self.loads)
         total, lost = sum(others, first), 1.0 / p[self.efficiency] - 1.0
         if self.driven_back:
-            drives = below(total * seen[DIRECTION], 0.0)  # the load pushes along the motion
+            drives = below(total * seen[DIRECTION], 0.0)  # the load accelerates the motion
             lost = where(drives, 1.0 - p[self.driven_back], lost)
         return lost * (size(total) * self.factor)
 
 
 def _by_direction(p: Named, seen: Mapping[str, Any], forward: str, backward: str) -> Any:
-    """Return the parameter `forward`, or in the other direction `backward` where that is named."""
+    """Return the parameter `forward` or, in backward motion, `backward` if it is named."""
     if not backward:
         return p[forward]
     return where(below(seen[DIRECTION], 0.0), p[backward], p[forward])

@@ -4,8 +4,8 @@
     3/2    <d(t) d(t')> = s^2 (1 + a) exp(-a)        a = sqrt(3) r
 
 This Matern process has a state-space form that white noise drives (Hartikainen and Sarkka 2010).  Its
-states are d, and for 3/2 also the rate of d.  A torque `d` is positive if it pushes its inertia towards
-positive angles, so dry friction has the opposite sign to the speed.
+states are d and, for smoothness 3/2, the rate of d.  A positive d pushes its inertia towards positive
+angles, so a d that represents dry friction has the sign opposite to the speed.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class MissingTorque:
         return self.rate(time) * (2.0 if self.smoothness == "1/2" else 4.0)
 
     def linear(self, time: Any) -> dict[tuple[str, str], Any]:
-        """Return the entries of A for the torque's states, which are uncorrelated at any one time."""
+        """Return the entries of A for the torque's states, which are uncorrelated at equal times."""
         rate = self.rate(time)
         if self.smoothness == "1/2":
             return {(TORQUE, TORQUE): -rate}
@@ -56,9 +56,9 @@ class MissingTorque:
 
 
 def torque_gain(model: Model, torque: MissingTorque, p: Named, linear: Linear) -> Any:
-    """Return the acceleration of the inertia's speed per unit of torque.
+    """Return the rate of change of the inertia's speed state per unit of torque.
 
-    If there is a gear, the torque acts on the inertia's own side of it.
+    If the inertia is before a gear, the torque acts on the inertia's side of the gear.
 
     Raises `ValueError` if the rig has no such inertia.
     """
@@ -86,8 +86,8 @@ class AugmentedModel(WrappedModel):
     """The augmented model has the states of a `rig`, then those of a missing torque.
 
     The size and the correlation time of the torque are further parameters. `free` says that the rig
-    turns freely, so that nothing depends on its common angle. Then angles are relative to the last
-    one, which is a state only if it is `observable`.
+    can turn as a whole without any restoring torque. All other angles are then relative to the last
+    angle, which is a state only if it is `observable`.
     """
 
     torque: MissingTorque
@@ -130,7 +130,7 @@ class AugmentedModel(WrappedModel):
         return Linear(A=a, B=b, c=c)
 
     def _relative(self, entries: Mapping[tuple[str, str], Any]) -> dict[tuple[str, str], Any]:
-        """Subtract the row of the last angle from the rows of the others, as nothing depends on it."""
+        """Subtract the last angle's row from the rows of all other angles, and drop its column."""
         relative: dict[tuple[str, str], Any] = {}
         for (row, column), value in entries.items():
             rows = [(row, value)]
@@ -146,14 +146,14 @@ class AugmentedModel(WrappedModel):
         return [name for name in self.rig.angles if name != self._last]
 
     def channel_weights(self, weights: Mapping[str, float]) -> tuple[float, ...]:
-        """Return a channel's weights of the augmented `states`, from its weights of the rig's states."""
+        """Convert a channel's weights of the rig's states to weights of the augmented `states`."""
         by_state = dict(weights)
         if self.free:
             by_state[self._last] = sum(weights.get(name, 0.0) for name in self.rig.angles)
         return tuple(float(by_state.get(name, 0.0)) for name in self.states)
 
     def initial_state(self, start: Mapping[str, float]) -> tuple[float, ...]:
-        """Return the augmented `states` at the start, from the rig's start."""
+        """Convert the rig's start values, by state, to values of the augmented `states`."""
         by_state = dict(start)
         if self.free:
             last = start.get(self._last, 0.0)
@@ -192,12 +192,12 @@ class LoadedModel(WrappedModel):
 def augment(
     rig: Model, torque: MissingTorque, weights: Sequence[Mapping[str, float]]
 ) -> AugmentedModel:
-    """Return the rig with its missing torque, for channels with these `weights` by state.
+    """Return the rig with its missing torque; `weights` has each channel's weights by state.
 
-    The weights decide whether any channel shows the common angle of a rig that turns freely.
+    The weights decide whether any channel shows a rotation of the rig as a whole.
     """
     angle_names = rig.angles
-    # Distinct values: with all parameters equal, a rig might turn freely by coincidence.
+    # With equal values of all parameters, torques might cancel by coincidence.
     distinct = {name: 1.0 + math.sqrt(k + 2) % 1 for k, name in enumerate(rig.parameters)}
     matrix = dynamics(rig.linear(distinct), rig.states, 1)
     free = len(angle_names) > 1 and steady_state.rotates_freely(

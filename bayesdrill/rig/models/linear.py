@@ -1,9 +1,9 @@
-"""Define the contract of a model, and models that derive from another by added physics.
+"""Define the contract of a rig, and models that wrap a rig to add physics.
 
-A rig may offer optional physics, such as a damping, that it has only if the parameter is named. The
-class-level `offers` maps each optional parameter to the parameters that it requires. The field
-`added` has the names that an instance uses. Its `parameters`, `linear` and `frictions` follow from
-`added`. Both are empty for rigs without options.
+A rig may offer optional physics, such as a damping, which is used only if a config names its
+parameter. The class-level `offers` maps each optional parameter to the parameters that it requires.
+The field `added` has the names that an instance uses; its `parameters`, `linear` and `frictions`
+follow from them. `offers` and `added` are empty for rigs without options.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ NO_OFFERS: Offers = MappingProxyType({})
 class Linear:
     """Linear dynamics are the non-zero entries of `x' = A x + B u + c`.
 
-    `A` maps (row state, column state), `B` (row state, input) and `c` (row state) to values of any
-    one batch shape, or to plain numbers. The keys are the structure of the system: kernels skip all
-    other entries.
+    `A` maps (row state, column state), `B` (row state, input) and `c` (row state) to numbers,
+    or to arrays of one common batch shape. The keys are the structure of the system: kernels skip
+    all other entries.
     """
 
     A: Mapping[tuple[str, str], Array | float]
@@ -48,7 +48,7 @@ class Linear:
 
 
 def dynamics(linear: Linear, states: tuple[str, ...], n: int) -> Array:
-    """Return `A (n, X, X)` in the order of `states`, for `linear` of n parameter vectors."""
+    """Return `A (n, X, X)` in the order of `states`, from `linear` at n parameter vectors."""
     index = {name: k for k, name in enumerate(states)}
     matrix = np.zeros((n, len(states), len(states)))
     for (row, column), value in linear.A.items():
@@ -59,7 +59,7 @@ def dynamics(linear: Linear, states: tuple[str, ...], n: int) -> Array:
 def constant_forcing(
     linear: Linear, states: tuple[str, ...], n: int, inputs: Mapping[str, Array | float]
 ) -> Array:
-    """Return `B u + c`, `(n, X)`, for inputs that are numbers or `(n,)`; inputs not named are zero."""
+    """Return `B u + c`, `(n, X)`, for `inputs` that are numbers or `(n,)`; all other inputs are zero."""
     index = {name: k for k, name in enumerate(states)}
     out = np.zeros((n, len(states)))
     for row, value in linear.c.items():
@@ -72,9 +72,9 @@ def constant_forcing(
 class Model(Protocol):
     """A rig is a frozen dataclass that derives from this contract.
 
-    Its annotated fields are its constants, which a config gives under `model:`. They are checked
-    when a rig is made, which raises `InputError`. Names of parameters and states are those of
-    `basics.symbols`, or those that the rig `declares` itself.
+    Its annotated fields are its constants, which a config gives under `model:`. The constructor checks
+    them, and raises `InputError` if a constant is invalid. Names of parameters and states are those
+    of `basics.symbols`, or those that the rig `declares` itself.
     """
 
     def __post_init__(self) -> None:
@@ -104,12 +104,12 @@ class Model(Protocol):
     def linear(self, p: Named) -> Linear:
         """Return the linear dynamics at parameters `p`.
 
-        The values of `p` are numbers, arrays of one batch shape, numbers with slopes, or registers
-        of a kernel. So a model may only add, subtract, multiply and divide them, and raise them to
+        The values of `p` are numbers, arrays of one batch shape, dual numbers, or registers of a
+        kernel. So a model may only add, subtract, multiply and divide them, and raise them to
         whole powers.
         """
 
-    # Optional members have these defaults.
+    # The following members are optional: a rig overrides them if their defaults do not apply.
 
     @property
     def roles(self) -> Roles:
@@ -131,7 +131,7 @@ class Model(Protocol):
 
     @property
     def imposed(self) -> Mapping[str, str]:
-        """Return by name of each input that is a speed the angle that may be imposed instead."""
+        """Map each input that is a speed to the angle that may be imposed in its place."""
         speeds = {speed: angle for angle, speed in self.roles.speeds.items()}
         return {name: speeds[name] for name in self.inputs if name in speeds}
 
@@ -142,7 +142,7 @@ class Model(Protocol):
 
     @property
     def added(self) -> tuple[str, ...]:
-        """Return the names of the optional parameters that this instance has; usually a field."""
+        """Return the optional parameters that this instance has; rigs with options make it a field."""
         return ()
 
     @property
@@ -162,12 +162,12 @@ class Model(Protocol):
 
     @property
     def smooth(self) -> bool:
-        """Return whether the rig is linear: it has no dry friction, pendulum or servo that saturates."""
+        """Return whether the rig is linear: it has no dry friction, pendulum or nonlinear servo."""
         return not self.frictions and not self.gravities and self.saturation is None
 
     @property
     def combinations(self) -> Mapping[str, Mapping[str, float]]:
-        """Return signals that sensors may show beside states, each as its weights of states."""
+        """Return further signals that sensors may measure, each as weights of states."""
         return {}
 
     @property
@@ -177,9 +177,9 @@ class Model(Protocol):
 
     @property
     def inner(self) -> tuple[str, ...]:
-        """Return the states within a part, which no start names and no sensor shows.
+        """Return the states inside a part, such as a shaft with an inertia of its own.
 
-        They are zero while nothing moves the part.
+        Sensors do not measure them, and configs give no start values: they are zero at the start.
         """
         return ()
 
@@ -226,7 +226,7 @@ def gear_factor(rig: Model, symbol: Symbol, side: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class WrappedModel(Model):
-    """A wrapped model takes all that it does not define from its `rig`; it offers no options."""
+    """A wrapped model forwards all members that it does not define to its `rig`; it has no options."""
 
     rig: Model
 
@@ -250,7 +250,7 @@ class WrappedModel(Model):
 class ParameterNames:
     """The descriptor gives the parameters that are `always` there, then those that are `added`.
 
-    On the class, it gives the former alone.
+    On the class, it gives only those that are `always` there.
     """
 
     always: tuple[str, ...]
@@ -263,8 +263,8 @@ class ParameterNames:
 class StateNames:
     """The descriptor gives the states that are `always` there, then those of added parameters.
 
-    `brought` maps a group of parameters to the states that the whole group adds. On the class, the
-    descriptor gives the states that are always there.
+    `brought` maps each group of parameters to the states that exist if the whole group is added. On
+    the class, the descriptor gives only the states that are `always` there.
     """
 
     always: tuple[str, ...]
@@ -277,7 +277,7 @@ class StateNames:
 
 
 def with_named(rig: Model, names: Collection[str]) -> Model:
-    """Return the rig with those of the `names` added that it offers, in the order of its offers."""
+    """Add all `names` that the rig offers, in the order of its offers, and return the new rig."""
     wanted = {*names, *rig.added}
     added = tuple(name for name in rig.offers if name in wanted)
     if not added:
@@ -292,14 +292,14 @@ def with_all(rig: Model) -> Model:
 
 
 def missing_requirements(rig: Model) -> dict[str, tuple[str, ...]]:
-    """Return the added parameters that lack others that they require, each with the missing names."""
+    """Return for each added parameter the names that it requires but that are not added."""
     needs = {name: rig.offers.get(name, ()) for name in rig.added}
     missing = {name: tuple(n for n in names if n not in rig.added) for name, names in needs.items()}
     return {name: names for name, names in missing.items() if names}
 
 
 def weak_statics(rig: Model, p: Mapping[str, Any]) -> dict[str, str]:
-    """Return a message for each static friction that is below the sliding one at all of `p`."""
+    """Return a message for each static friction that is below the sliding friction at all values `p`."""
     why = "is below {}; static friction is at least as large as sliding friction"
     inertias = rig.roles.inertias
     pairs = [(i.static, i.sliding) for i in inertias if {i.static, i.sliding} <= {*p}]
@@ -309,7 +309,7 @@ def weak_statics(rig: Model, p: Mapping[str, Any]) -> dict[str, str]:
 
 
 def surplus_frictions(rig: Model, unknown: Collection[str]) -> dict[str, str]:
-    """Return a message for each unknown friction of constant sign beside two by direction."""
+    """Return messages on unknown frictions of constant sign that others by direction make redundant."""
     messages = {}
     for rubbing, joined in itertools.product(rig.roles.inertias, repeat=2):
         by_direction = {rubbing.sliding, rubbing.sliding_back}
@@ -322,13 +322,13 @@ def surplus_frictions(rig: Model, unknown: Collection[str]) -> dict[str, str]:
 
 
 def requirement_text(name: str, missing: Collection[str]) -> str:
-    """Return the message on an added parameter that lacks others that it requires."""
+    """Return the message on an added parameter whose required parameters are `missing`."""
     others = " and ".join(missing)
     return f"{name} means nothing without {others}; name {others} too, or remove {name}"
 
 
 def constants(rig: Any) -> dict[str, Any]:
-    """Return by name the gear ratio, and the other fields that differ from their defaults."""
+    """Return the gear ratio and all fields that differ from their defaults, by name."""
     values = {
         entry.name: (getattr(rig, entry.name), entry.default) for entry in dataclasses.fields(rig)
     }

@@ -1,19 +1,19 @@
-"""Define the paper's rig with a shaft that has an inertia of its own, `j_s`, in equal `elements`.
+"""Define the paper's rig with a shaft of inertia `j_s`, divided into n = `elements` equal pieces.
 
-Each piece is a spring n k_s, with half of its inertia j_s/n at either end.  The halves at the ends of
-the shaft add to j_1 and, through the gear, to j_m.  At node k, with the share s = k/n of the way from
-the gearbox to rotor 1, the angle of the shaft is
+Each piece is a spring n k_s with the inertia j_s/n, half of it at each end of the piece.  The halves at
+the ends of the shaft add to j_1 and, through the gear, to j_m.  Node k is at s = k/n: s is 0 at the
+gearbox and 1 at rotor 1.  The angle of the shaft at this node is
 
     theta_2 + s (theta_1 - theta_2) + phi_k
 
-so that all phi_k, and their rates, are zero in a straight shaft, and a start need not name them.
+so phi_k and its rate dphi_k are zero while the twist is uniform, which is assumed at the start.
 
     phi_k'  = dphi_k
     dphi_k' = (n^2 k_s/j_s)(phi_(k-1) - 2 phi_k + phi_(k+1)) - (1 - s) w_2' - s w_1'
     w_1'    = ... + n k_s phi_(n-1) / (j_1 + j_s/2n)
     w_2'    = ... + i_m^2 n k_s phi_1 / (j_m + i_m^2 j_s/2n)
 
-with the rest of w_1' and w_2' as in `motor_shaft`.  The damping `c_s` acts wherever k_s does.  This
+with the rest of w_1' and w_2' as in `motor_shaft`.  The damping `c_s` acts in parallel with k_s.  This
 model shows that the inertia of the paper's shaft, 1.5e-7 kg m^2, makes no difference.
 """
 
@@ -37,7 +37,7 @@ Elements = Annotated[
 
 
 def _declared() -> tuple[Symbol, ...]:
-    """Return the symbols of the inner nodes; units omit rad, as these are deviations, not turns."""
+    """Return the symbols of the inner nodes, without rad: turning the whole rig changes none of them."""
     what = "of the shaft at an inner node, minus that of a straight line between its ends"
     nodes = range(1, MAX_ELEMENTS)
     return (
@@ -63,7 +63,7 @@ class LongShaft(Model):
 
     @property
     def inner(self) -> tuple[str, ...]:
-        """Return the states of the nodes within the shaft, which no start needs to name."""
+        """Return the states of the nodes within the shaft; see `Model.inner`."""
         nodes = range(1, self.elements)
         return (*(f"phi_{k}" for k in nodes), *(f"dphi_{k}" for k in nodes))
 
@@ -108,7 +108,7 @@ class LongShaft(Model):
         return Linear(A=a, B=b, c=c)
 
     def _within(self, k: int, springs: list[tuple[str, Any]], inertia: Any) -> dict[Any, Any]:
-        """Return the forces that the adjacent pieces exert on node k."""
+        """Return the entries of dphi_k' that are due to the adjacent pieces, by state."""
         combined: dict[Any, Any] = {}
         for name, strength in springs:
             for node, times in ((k - 1, 1.0), (k, -2.0), (k + 1, 1.0)):

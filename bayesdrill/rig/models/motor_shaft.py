@@ -1,4 +1,4 @@
-"""The paper's rig has a DC motor, a gearbox, a slender shaft and a rotor; its parts are rigs too.
+"""Define the paper's rig (DC motor, gearbox, slender shaft, rotor), and rigs with fewer parts.
 
     theta_1' = w_1
     theta_2' = w_2
@@ -6,48 +6,48 @@
     w_2' = (i_m^2 k_s/j_m)(theta_1 - theta_2) - (c_m/j_m) w_2 + (i_m k_T/j_m) i - i_m t_f/j_m
     i'   = -(k_e/(i_m l_m)) w_2 - (r_m/l_m) i + v/l_m
 
-Sandoval, Cunha Jr and Sampaio (ENIEF 2013), equations for motor, gearbox and rotors.  The matrix
-printed there has two errors that its own equations correct: A(5,1) is `i_m^2 k_s/j_m` (printed
-over j_1) and A(6,5) is `-k_e/(i_m l_m)` (printed `-i_n k_e/l_m`).  The charge `q` never feeds
-back and is left out here.
+The equations are those of Sandoval, Cunha Jr and Sampaio (ENIEF 2013).  By these equations, two entries
+of the matrix printed there are wrong: A(5,1) is `i_m^2 k_s/j_m` (the printed denominator is j_1),
+and A(6,5) is `-k_e/(i_m l_m)` (printed `-i_n k_e/l_m`).  No other state depends on the charge `q`, so
+it is omitted here.
 
-Assumes: rigid gearbox without play, massless shaft, friction `t_f` of constant sign (one-way rotation),
-`t_1` the load torque on rotor 1.  Parameters in `added` extend the equations:
+The gearbox is rigid and without play, the shaft massless, and the sign of the friction `t_f` constant
+(one-way rotation).  `t_1` is the load torque on rotor 1.  Parameters in `added` extend the equations:
 
-    j_2    j_m + i_m^2 j_2 in the place of j_m: inertia at the output of the gearbox
-    r_s    r_m + r_s in the place of r_m
-    c_s    k_s (theta_1 - theta_2) + c_s (w_1 - w_2) in the place of k_s (theta_1 - theta_2)
+    j_2    j_m + i_m^2 j_2 replaces j_m: an inertia at the output of the gearbox
+    r_s    r_m + r_s replaces r_m
+    c_s    k_s (theta_1 - theta_2) + c_s (w_1 - w_2) replaces k_s (theta_1 - theta_2)
     c_1    w_1' = ... - (c_1/j_1) w_1
-    t_cm   w_2' = ... - (i_m/j_m) T, |T| = t_cm against w_2; with t_sm and w_sm by Stribeck's law, whose
-           speed is that of the motor, w_2/i_m
-    t_c1   w_1' = ... - T/j_1, |T| = t_c1 against w_1; with t_s1 and w_s1 by Stribeck's law
+    t_cm   w_2' = ... - (i_m/j_m) T; T opposes w_2, and |T| = t_cm.  With t_sm and w_sm, |T| follows
+           Stribeck's law in the motor's speed w_2/i_m
+    t_c1   w_1' = ... - T/j_1; T opposes w_1, and |T| = t_c1 or, with t_s1 and w_s1, by Stribeck's law
     v_d    i' = ... - (v_d/l_m) sgn i
-    eta    T at the motor grows by (1/eta - 1) i_m k_s |theta_2 - theta_1|
-    d_m    T at the motor grows by d_m (w_2/i_m)^2; d_1: T at rotor 1 by d_1 w_1^2
+    eta    |T| at the motor grows by (1/eta - 1) i_m k_s |theta_2 - theta_1|
+    d_m    |T| at the motor grows by d_m (w_2/i_m)^2; likewise d_1: |T| at rotor 1 grows by d_1 w_1^2
     j_0, k_0
            w_1' = ... - (k_0/j_1)(theta_1 - theta_0) and w_0' = (k_0/j_0)(theta_1 - theta_0): a rotor 0
-           beyond rotor 1; c_0 (w_1 - w_0) acts beside k_0 (theta_1 - theta_0)
+           beyond rotor 1; with c_0, c_0 (w_1 - w_0) is added to k_0 (theta_1 - theta_0)
 
-A `two_rotors` has known `j_2` and `r_s`.  With the motor's angle theta_3 = theta_2/i_m it obeys
+In `two_rotors`, `j_2` and `r_s` are known.  With the motor's angle theta_3 = theta_2/i_m:
 
     l_m i' + (r_m + r_s) i + k_e theta_3' = v
     j_m theta_3'' + c_m theta_3' - k_T i + t_f = -i_m (k_s (theta_2 - theta_1) + j_2 theta_2'')
 
-The second, times i_m, has the inertia j_m + i_m^2 j_2 of theta_2.  A record shows only such sums, so
-both symmetries of a `motor_shaft` remain, though they are no common factors here.
+The second equation times i_m has the term (j_m + i_m^2 j_2) theta_2''.  A record determines only such
+sums.  So both symmetries of a `motor_shaft` remain, but they multiply these sums, not j_m and r_m.
 
-A `driven_shaft` has no motor: the motion of its upper end is measured, and its speed `w_2` is an
-input.  An imposed angle that is linear between samples is a speed that is constant between them.
-For a drill string, `t_1` is the torque at the bit, measured or, if the law of rock is `added`,
-computed:
+A `driven_shaft` has no motor: the motion of its upper end is measured, and the speed `w_2` of that end
+is an input.  If an imposed angle is linear between samples, this speed is constant between samples.
+For a drill string, `t_1` is the measured torque at the bit.  If the parameters of rock are `added`, the
+torque at the bit is computed:
 
     b_0, b_1, b_2, b_3
-           w_1' = ... - T/j_1 against w_1, with T by `BitRock` under the input `wob`
+           w_1' = ... - T/j_1; T opposes w_1, and `BitRock` gives |T| for the input `wob`
 
-A `motor` has no shaft; its inertia is that of all parts that turn rigidly with it.  Its input is a
-measured torque `t_m` in the place of k_T i or, if its circuit is named (`k_e k_T r_m l_m`), a voltage.
-Angle and speed are those behind the gear, or its own without a gear (`i_m` 1, its default).  All its
-parameters are at the motor, before the gear.  `k_s`, `j_1` and `c_s` add a shaft and rotor 1.
+A `motor` has no shaft; `j_m` includes all parts that turn rigidly with the motor.  The input is a
+measured torque `t_m` in place of k_T i or, if the circuit is named (`k_e k_T r_m l_m`), a voltage.
+Angle and speed are those behind the gear, or the motor's own without a gear (`i_m` = 1, the default).
+Parameters of the motor refer to the side before the gear.  `k_s`, `j_1`, `c_s` add a shaft and rotor 1.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def dry_friction(at: str) -> Offers:
 
 
 def together(*names: str) -> Offers:
-    """Return parameters each of which requires all the others."""
+    """Return `names` as options, each of which requires all other names."""
     return {name: tuple(other for other in names if other != name) for name in names}
 
 
@@ -156,7 +156,7 @@ class DrivenShaft(PartsModel):
 
 @dataclass(frozen=True, slots=True)
 class Motor(PartsModel):
-    """The motor has no shaft; `i_m`, `stribeck` and `added` are as in a `MotorShaft`."""
+    """The motor has a shaft only if it is `added`; all fields are as in a `MotorShaft`."""
 
     i_m: Gear = 1.0
     stribeck: Power = 1
@@ -188,7 +188,7 @@ class Motor(PartsModel):
 
 @dataclass(frozen=True, slots=True)
 class TwoRotors(Model):
-    """The rig is a `MotorShaft` whose second rotor and series resistor are both known.
+    """The rig is a `MotorShaft` whose second rotor and series resistor have known values.
 
     `i_m` is as in `MotorShaft`; `j_2` [kg m^2] and `r_s` [ohm] may be zero.
     """
@@ -208,7 +208,7 @@ class TwoRotors(Model):
     inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
 
     def whole(self, p: Named) -> Named:
-        """Return the parameters of the equivalent plain `motor_shaft`."""
+        """Return the parameters of the equivalent `motor_shaft` without options."""
         held = self._held(p)
         return {**p, "j_m": coordinate_inertia(self._rig, "w_2", held), "r_m": p["r_m"] + self.r_s}
 

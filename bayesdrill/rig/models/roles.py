@@ -1,8 +1,8 @@
 """Roles are the names of a rig's inertias, shafts and motors, and of their parameters and states.
 
-All code outside a rig asks for these roles, and never interprets the spelling of a symbol. A name
-that is empty, or is no state, input or parameter of the rig, means that the rig lacks it. For a rig
-that moves along a line, an inertia is a mass, a torque a force, and an angle a position.
+All code outside a rig asks for these roles, and never interprets the spelling of a symbol. If a
+name is empty, or is no state, input or parameter of the rig, the rig does not have this quantity.
+For a rig that moves along a line, an inertia is a mass, a torque a force, an angle a position.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from bayesdrill.basics.symbols import Symbol
 
 GROUND = "ground"  # the end of a shaft that does not move
 
-# Power of the gear reduction factor that refers a quantity at the load to the motor, by unit.
+# Power p by unit: a quantity at the load, times (reduction factor)^p, is referred to the motor.
 GEAR_POWERS: Mapping[str, int] = MappingProxyType(
     {"kg*m**2": 2, "N*m*s/rad": 2, "N*m/rad": 2, "N*m": 1, "rad/s": -1, "N*m*s**2/rad**2": 3}
 )
@@ -24,7 +24,7 @@ GEAR_POWERS: Mapping[str, int] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class MotionWords:
-    """A motion, rotary or linear, has these words and units."""
+    """These are the words and units in sentences about a rotary or a linear motion."""
 
     moves: str
     torque: str
@@ -42,18 +42,18 @@ MOTIONS: Mapping[str, MotionWords] = MappingProxyType(
 class InertiaRoles:
     """The roles of an inertia are the names of its states, inputs and parameters.
 
-    Configs call the inertia `name`, and sentences call it `words` (`the motor`).
+    `name` is its name in configs, and `words` its name in sentences (`the motor`).
 
-    `angle` and `speed` are states, `reduction` times those of the inertia itself if it is before a
-    gear; a `speed` that is an input is imposed. `friction` has a constant sign. `sliding` and
-    `static` are dry friction; the excess of the second decays over the speed `fading`. `drag` grows
-    with the square of the speed. `sliding_back`, `static_back` and `damping_back` are the values
-    backwards if they differ by direction. `torque` and `load` are inputs that push the inertia
-    forwards and backwards. `efficiency` belongs to the gear that it drives, and `efficiency_back` is
-    that while the load drives. `weight` is the largest torque of gravity, which is zero at an angle
-    of minus `tilt`. `cutting` has the coefficients of rock, which the inertia cuts under the input
-    `bit_weight`. `effort` is the symbol of its dry friction, and `latex` that of its own angle if
-    this is no state.
+    `angle` and `speed` are states: `reduction` times the angle and speed of the inertia itself. If
+    `speed` is an input, the motion is imposed. `friction` has a constant sign. `sliding` and `static`
+    are dry friction; their difference decays exponentially over the speed `fading`. `drag` times the
+    squared speed is a torque. `sliding_back`, `static_back` and `damping_back` are the values for
+    backward motion if they differ. Of the input torques, `torque` pushes forwards and `load`
+    backwards. `efficiency` is that of the gear that the inertia drives, and `efficiency_back` the
+    efficiency while the load drives. `weight` is the largest torque of gravity; this torque is zero
+    at the angle -`tilt`. `cutting` has the coefficients of the rock that the inertia cuts with the
+    input `bit_weight` on it. `effort` is the symbol of the dry friction. `latex` is the symbol of the
+    inertia's own angle if this angle is no state.
     """
 
     name: str
@@ -84,7 +84,7 @@ class InertiaRoles:
 
     @property
     def at(self) -> str:
-        """Return where something acts, in words such as `at rotor 1`."""
+        """Return the location of the inertia in words, such as `at rotor 1`."""
         return f"at {self.words}"
 
 
@@ -92,7 +92,7 @@ class InertiaRoles:
 class ShaftRoles:
     """The roles of a shaft are the names of its parameters; its `ends` are inertias or `GROUND`.
 
-    Sentences call the shaft `words`, such as `the shaft`.
+    `words` is the name of the shaft in sentences, such as `the shaft`.
     """
 
     name: str
@@ -105,12 +105,12 @@ class ShaftRoles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorRoles:
-    """The roles of a motor are the names of its circuit; it turns an `inertia`.
+    """The roles of a motor name the quantities of its circuit; the motor turns an `inertia`.
 
-    `current` and `voltage` are each a state or an input. `series` is a second resistance. `drop` is
-    a voltage that opposes the current, and `effort` its symbol. A servo has the input `goal` in place
-    of a voltage, and its numbers are those of `models.servo`. `supply` is an input if `usual_supply`
-    [V] is not zero.
+    `current` is a state or an input, `voltage` an input. `series` is a second resistance. `drop` is a
+    voltage that opposes the current, and `effort` its symbol. A servo has the input `goal` in place of
+    a voltage, and the parameters that `models.servo` explains. `supply` is an input if `usual_supply`
+    [V] is not zero, otherwise a parameter.
     """
 
     inertia: str
@@ -135,7 +135,7 @@ class MotorRoles:
     goal_speed: str = ""
 
     def is_limited(self, names: Collection[str]) -> bool:
-        """Return whether a servo with parameters of these names is more than a linear closed loop."""
+        """Return whether a servo with the parameters `names` is nonlinear or has a measured supply."""
         limits = {self.limit, self.band, self.goal_speed} - {""}
         return self.usual_supply > 0.0 or not limits.isdisjoint(names)
 
@@ -164,7 +164,7 @@ class Roles:
     def moving(
         self, states: Collection[str], parameters: Collection[str]
     ) -> dict[str, list[InertiaRoles]]:
-        """Return the inertias by the speed with which they turn, if the rig has these names."""
+        """Return for each speed in `states` the inertias in `parameters` that turn with it."""
         moving: dict[str, list[InertiaRoles]] = {}
         for inertia in self.inertias:
             if inertia.speed in states and inertia.inertia in parameters:
@@ -172,12 +172,12 @@ class Roles:
         return moving
 
     def at_friction(self, against: str, where: str = "") -> InertiaRoles | None:
-        """Return the inertia with a friction `against` a speed: the one at `where`, or the first."""
+        """Return the inertia at `where`, or else the first, among those with the speed `against`."""
         alike = [inertia for inertia in self.inertias if inertia.speed == against]
         return next((inertia for inertia in alike if inertia.at == where), (*alike, None)[0])
 
     def moved(self, drive: str) -> tuple[InertiaRoles, str] | None:
-        """Return the inertia that an input drives, and by what, such as `torque` or `voltage`."""
+        """Return the inertia that an input drives, and the kind of input, such as `voltage`."""
         for inertia in self.inertias:
             motor = self.motor(inertia.name)
             for how, name in (("torque", inertia.torque), ("speed", inertia.speed)):
@@ -191,7 +191,7 @@ class Roles:
 
     @property
     def speeds(self) -> Mapping[str, str]:
-        """Return the speed of each angle, by name."""
+        """Map the name of each angle to the name of its speed."""
         return {inertia.angle: inertia.speed for inertia in self.inertias}
 
     @property
@@ -201,7 +201,7 @@ class Roles:
         return frozenset(moving | {motor.current for motor in self.motors})
 
     def side(self, name: str) -> str:
-        """Return the side of the gear of a parameter: `motor`, `load`, or empty for neither."""
+        """Return on which side of the gear a parameter is: `motor`, `load`, or empty for neither."""
         driven = {motor.inertia for motor in self.motors}
         for i in self.inertias if self.gear else ():
             if name in (i.inertia, i.damping, i.friction, i.sliding, i.static, i.fading, i.drag):

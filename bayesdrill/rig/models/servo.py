@@ -1,17 +1,17 @@
-"""Define the voltage of a servo with saturation and a dead band, and a goal of limited speed.
+"""Define the voltage of a servo with saturation, a dead band, and a goal whose speed is limited.
 
     wanted = supply duty (k_p (goal - angle) - k_d speed)       the voltage of a linear closed loop
     voltage = clip(wanted -+ dead, +-reach), and zero where |wanted| is below dead
     reach = supply limit,  dead = supply duty k_p band
 
 The rig's `A` and `B` are those of the linear closed loop.  With the parameter `duty` at zero the loop
-is open, and the column `name` of `B` is the effect of one more volt on the state `row`.
+is open.  The column `name` of `B` is the effect of one additional volt on the rate of the state `row`.
 
-A measured supply is an input.  The matrix of the closed loop has the usual supply.  A voltage is that at
-the usual supply times the `level`, which is the supply over its usual value.
+A measured supply is an input.  The closed loop is then computed with the usual supply, and each voltage
+is multiplied by the `level`, which is the measured supply divided by the usual supply.
 
-Firmware that limits the speed of its goal follows a reference, which moves towards the goal at most
-at the speed `speed`.  It depends only on the goal, and is the `goal` of the equations above.
+If the firmware limits the speed of the goal, the servo follows a reference, which moves towards the goal
+with at most the speed `speed`.  The reference replaces `goal` in the equations above.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from bayesdrill.rig.models.friction import Named
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Saturation:
-    """A servo has these names of its numbers, empty if it has none, and of its voltage's effect."""
+    """The fields name a servo's parameters and inputs (empty if absent), and its entry of `B`."""
 
     name: str
     row: str
@@ -43,32 +43,32 @@ class Saturation:
     speed: str = ""
 
     def level(self, inputs: Mapping[str, Any]) -> Any:
-        """Return the supply over its usual value; None if it is a parameter."""
+        """Return the supply divided by its usual value; None if the supply is a parameter."""
         return inputs[self.supply] * (1.0 / self.usual_supply) if self.usual_supply else None
 
     def reach(self, p: Named) -> Any:
-        """Return its largest voltage, or None without a limit."""
+        """Return the largest voltage at the usual supply, or None without a limit."""
         return (self.usual_supply or p[self.supply]) * p[self.limit] if self.limit else None
 
     def dead(self, p: Named) -> Any:
-        """Return the wanted voltage below which there is none; None without a dead band."""
+        """Return the wanted voltage below which the voltage is zero; None without a dead band."""
         if not self.band:
             return None
         dead: Any = (self.usual_supply or p[self.supply]) * p[self.duty] * p[self.band]
         return dead * p[self.proportional] if self.proportional else dead
 
     def is_linear(self, p: Named, wanted: Any) -> Any:
-        """Return where a wanted voltage changes the voltage: it neither saturates nor is dead."""
+        """Return where a `wanted` voltage is neither saturated nor in the dead band."""
         inner, reach, dead = size(wanted), self.reach(p), self.dead(p)
         inner = inner if dead is None else inner - dead
         if reach is None:
             return below(-1.0 if dead is None else 0.0, inner)
         if dead is None:
             return below(inner, reach)
-        return below(size(inner * 2.0 - reach), reach)  # between zero and reach
+        return below(size(inner * 2.0 - reach), reach)  # 0 < inner < reach
 
     def voltage(self, p: Named, wanted: Any) -> Any:
-        """Return the voltage for a wanted one, without the level of a measured supply."""
+        """Return the voltage for a `wanted` voltage, at the usual supply."""
         reach, dead, most = self.reach(p), self.dead(p), size(wanted)
         if dead is not None:
             most = where(below(most, dead), 0.0, most - dead)
@@ -77,15 +77,15 @@ class Saturation:
         return signed(most, wanted)
 
     def moved(self, p: Named, span: Any, reference: Any, goal: Any) -> tuple[Any, Any]:
-        """Return the reference after a `span`, and its mean during it, while the goal stays."""
+        """Return the reference after the time `span`, and its mean over it, for a constant goal."""
         most, gap = p[self.speed] * span, goal - reference
         is_behind = below(most, size(gap))
-        share = where(is_behind, 1.0, size(gap) / most)  # of the span, until it is there
+        share = where(is_behind, 1.0, size(gap) / most)  # (time to reach the goal) / span
         step = signed(where(is_behind, most, size(gap)), gap)
         return reference + step, reference + step - step * share * 0.5
 
     def reference(self, p: Mapping[str, float], t: Array, goal: Array | float) -> Array | float:
-        """Return the reference that follows a goal `(T,)` at times `t`, or a constant goal itself."""
+        """Return the reference for a goal `(T,)` at times `t`; a constant or unlimited goal itself."""
         if not self.speed or np.ndim(goal) == 0:
             return goal
         reference = [float(goal[0])]  # type: ignore[index]
@@ -94,7 +94,7 @@ class Saturation:
         return np.array(reference)
 
     def wanted(self, linear: Any, p: Named, values: Mapping[str, Any]) -> Any:
-        """Return the wanted voltage at states and inputs, by `Model.linear` of closed and open loop."""
+        """Return the wanted voltage at `values`, from `linear` of the closed minus the open loop."""
         closed, opened = linear(p), linear({**p, self.duty: 0.0})
         total: Any = closed.c.get(self.row, 0.0) - opened.c.get(self.row, 0.0)
         for both in ("A", "B"):

@@ -7,10 +7,10 @@
       shafts: {coupling: [arm, load]}                        # `ground` may be an end
       drives: {motor: current}
 
-Symbols are made of names: `j_motor`, `k_coupling`, `theta_load`.  For a motion along a line
+Symbols contain the names of parts: `j_motor`, `k_coupling`, `theta_load`.  For a motion along a line
 (`motion: linear`) they are `m_cart`, `x_cart`, `v_cart` and `f_cart`, in kg, m and N.  An optional
-parameter, such as the damping `c_load` or the dry friction `t_c_load`, is used if it is named.
-`equations` derives the equations.
+parameter, such as the damping `c_load` or the dry friction `t_c_load`, is used if the config names
+it.  `equations` derives the equations.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Train(PartsModel):
 
 
 def _issues(train: Train) -> Iterator[tuple[str, str]]:
-    """Yield all contradictions among the parts, each with the entry that has it."""
+    """Yield each contradiction among the parts as (entry of the config, message)."""
     known = train.inertias
     kinds: tuple[tuple[str, Sequence[Shaft | Gear], tuple[str, ...]], ...] = (
         ("shafts", train.shafts, (*known, GROUND)),
@@ -107,7 +107,7 @@ def _issues(train: Train) -> Iterator[tuple[str, str]]:
     if train.gravity and train.motion == "linear":
         yield (
             "gravity",
-            "a mass that moves along a line is no pendulum; remove it, or `motion: linear`",
+            "a mass that moves along a line is no pendulum; remove `gravity` or `motion: linear`",
         )
     called = [*known, *(s.name for s in train.shafts), *(gear.name for gear in train.gears)]
     for name in dict.fromkeys(name for name in called if called.count(name) > 1 or name == GROUND):
@@ -126,20 +126,20 @@ def _gear_issues(train: Train) -> Iterator[tuple[str, str]]:
         if len(both & imposed) > 1:
             yield (
                 "drives",
-                f"the speeds of {' and '.join(sorted(both & imposed))} follow from each other",
+                f"gears join {' and '.join(sorted(both & imposed))}; impose only one of their speeds",
             )
         joined |= dict.fromkeys(both, both)
 
 
 def _check_frictions(train: Train) -> None:
-    """Raise `InputError` if two inertias that turn as one both have dry friction: it is one friction."""
+    """Raise `InputError` if two inertias that turn as one both have dry friction."""
     rubbing: dict[str, str] = {}
     for friction in train.frictions:
         place = friction.where.removeprefix("at ")
         if friction.against in rubbing:
             message = (
-                f"{rubbing[friction.against]} and {place} turn as one, so that their dry frictions "
-                "are one: name parameters of friction (or an efficiency) at one of them alone"
+                f"{rubbing[friction.against]} and {place} turn as one, with one dry friction; "
+                "name parameters of friction (or an efficiency) at one of them only"
             )
             raise InputError.at("gears", message)
         rubbing[friction.against] = place
@@ -160,8 +160,8 @@ def _check_servos(train: Train) -> None:
 class Row:
     """A row describes one parameter of a part: role, letter, unit and meaning for a rotary train.
 
-    `needs` has the roles that the parameter requires; None if the part always has it. `after` follows
-    the name of the part in the name of the parameter.
+    `needs` has the roles that the parameter requires; it is None if the part always has the parameter.
+    `after` is the suffix of the parameter's name, after the name of the part.
     """
 
     role: str
@@ -225,7 +225,7 @@ CIRCUIT = (
     Row("inductance", "l", "H", "inductance of", ()),
     Row("drop", "v_d", "V", "voltage drop at", ("inductance",), "not negative"),
 )
-# Letters, units and words of a linear train, by those of a rotary one.
+# Letters, units and words of a linear train, by those of a rotary train.
 LINEAR: Mapping[str, str] = {
     "j": "m",
     "theta": "x",
@@ -306,7 +306,7 @@ class Description:
         )
 
     def _word(self, text: str) -> str:
-        """Return a letter, unit or word as the motion of the train requires it."""
+        """Translate a letter, unit or word of a rotary train if this train moves along a line."""
         return LINEAR.get(text, text) if self.train.motion == "linear" else text
 
     def _symbol(
@@ -329,7 +329,7 @@ class Description:
     def _add_rows(
         self, rows: Sequence[Row], part: str, known: Mapping[str, str] = NO_NAMES
     ) -> dict[str, str]:
-        """Add the numbers of a part, and return their names by role; `known` are those of others."""
+        """Add the parameters of a part, and return their names by role; `known` has earlier names."""
         names = {row.role: f"{self._word(row.letter)}_{part}{row.after}" for row in rows}
         for row in rows:
             if row.needs is None:
@@ -402,9 +402,9 @@ describe: Callable[[Train], Description] = functools.lru_cache(maxsize=256)(Desc
 
 
 def _rubbing(train: Train, joined: Sequence[str]) -> str:
-    """Return which one of several inertias that turn as one has their dry friction.
+    """Return which of the `joined` inertias, which turn as one, has the dry friction.
 
-    It is the one at which their gears begin, or else the first.
+    It is the first that drives a gear and is not driven by a gear, or else the first of all.
     """
     behind = {gear.ends[1] for gear in train.gears}
     first = {gear.ends[0] for gear in train.gears} - behind
@@ -412,10 +412,10 @@ def _rubbing(train: Train, joined: Sequence[str]) -> str:
 
 
 def _reductions(train: Train) -> dict[str, tuple[str, float]]:
-    """Return by inertia the inertia whose angle is the state, and the ratio of that angle to its own.
+    """Return (root, reduction) for each inertia: the root's angle is `reduction` times its own angle.
 
-    Of inertias that gears join, the state belongs to the imposed one, or else to the first that
-    drives no gear.
+    Among inertias that gears join, the root is the one with an imposed speed, or else the first that
+    drives no gear. Its angle is a state.
     """
     imposed = {drive.inertia for drive in train.drives if drive.kind == "speed"}
     inputs = {gear.ends[0] for gear in train.gears}

@@ -17,7 +17,7 @@ REQUIRED = ("name", "parameters", "states", "inputs", "declares", "linear")
 
 
 def check_rig(name: str, rig: Any) -> None:
-    """Raise `ValueError` with all that is missing or wrong in a rig."""
+    """Raise `ValueError` if something is missing or wrong in a rig."""
     if not (isinstance(rig, type) and dataclasses.is_dataclass(rig)):
         raise ValueError("a rig is a frozen dataclass")
     if Model not in rig.__mro__:
@@ -29,7 +29,7 @@ def check_rig(name: str, rig: Any) -> None:
         raise ValueError(f"it has no {', '.join(missing)}")
     named: Any = rig
     if named.name != name:
-        raise ValueError(f"its name is '{named.name}', and its entry point's '{name}'")
+        raise ValueError(f"its name is '{named.name}', but its entry point is called '{name}'")
     entries_model(rig)
     plain = _create(rig)
     for candidate in (plain, with_all(plain)) if plain.offers else (plain,):
@@ -52,18 +52,18 @@ def _check_names(rig: Any) -> None:
     for name in declared:
         if name in house and declared[name].unit != house[name].unit:
             raise ValueError(
-                f"it declares {name} in {declared[name].unit}; that is {house[name].unit}"
+                f"it declares {name} in {declared[name].unit}; its unit is {house[name].unit}"
             )
     strange = [n for n in (*rig.parameters, *rig.states) if n not in {**declared, **house}]
     if strange:
-        raise ValueError(f"no symbol is declared of {', '.join(strange)}")
+        raise ValueError(f"no symbol is declared for {', '.join(strange)}")
     strange = [name for name in rig.inputs if name not in symbols.INPUTS]
     if strange:
         raise ValueError(f"no rig has the input {', '.join(strange)}")
 
 
 class _Number:
-    """A number has exactly the operations of a kernel's register."""
+    """The number supports exactly the operations of a kernel's register."""
 
     def _with(self, other: Any) -> _Number:
         if not isinstance(other, _Number | int | float):
@@ -78,7 +78,7 @@ class _Number:
 
     def __pow__(self, power: int) -> _Number:
         if not isinstance(power, int) or power < 1:
-            raise TypeError("only whole powers from 1 on are known")
+            raise TypeError("only whole powers of at least 1 are allowed")
         return self
 
 
@@ -87,9 +87,7 @@ def _check_frictions(rig: Any) -> None:
     used = [*rig.states, *rig.inputs, *rig.parameters]
     for friction in rig.frictions:
         if friction.name in used:
-            raise ValueError(
-                f"a friction is called {friction.name}, which is something else already"
-            )
+            raise ValueError(f"a friction is called {friction.name}, but that name is already used")
         used.append(friction.name)
         holds = [] if friction.holds is None else [friction.holds]
         strange = [name for name in (friction.against, *holds) if name not in rig.states]
@@ -97,7 +95,7 @@ def _check_frictions(rig: Any) -> None:
         strange += [n for n in friction.law.seen if n not in (*rig.states, *rig.inputs, DIRECTION)]
         if strange:
             raise ValueError(
-                f"the friction {friction.name} names {', '.join(strange)}, which the rig has not"
+                f"the friction {friction.name} names {', '.join(strange)}, which the rig lacks"
             )
         some: Any = Dual(np.ones(2), np.ones(2))
         p, signals = (
@@ -122,7 +120,9 @@ def _check_linear(rig: Any) -> None:
     columns = {friction.name: friction.against for friction in rig.frictions}
     strange |= {name for _, name in linear.B} - {*rig.inputs, *columns}
     if strange:
-        raise ValueError(f"`linear` names {', '.join(sorted(strange))}, no state or input of it")
+        raise ValueError(
+            f"`linear` names {', '.join(sorted(strange))}, no state or input of the rig"
+        )
     idle = [name for name, row in columns.items() if (row, name) not in linear.B]
     if idle:
-        raise ValueError(f"`linear` has no column of the friction {', '.join(idle)} in `B`")
+        raise ValueError(f"`linear` has no column in `B` for the friction {', '.join(idle)}")

@@ -1,4 +1,4 @@
-"""Define the contract of a simulator, and results that follow from its sums, signals and slopes."""
+"""Define the contract of a simulator, and derive results from its sums, signals and sensitivities."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
 class Motion:
     """The motion has `states (W, T, X)` at samples, and `efforts (W, T, E)` of frictions.
 
-    Efforts are those of the step that begins at the sample, positive against a positive speed. A
-    friction that sticks has a speed of exactly zero.
+    Each effort acts in the step that begins at the sample; it is positive if it opposes a positive
+    speed. While a friction sticks, the speed that it opposes is exactly zero.
     """
 
     states: Array
     efforts: Array
 
 
-REVERSAL_SUBSTEPS = 4  # with 2 the error is several times as large, with 8 hardly smaller
+REVERSAL_SUBSTEPS = 4  # parts of a step; 2 have several times the error, 8 about the same
 
 
 class Stepping(NamedTuple):
-    """These settings say how a simulator steps.
+    """These settings define the time steps of a simulator.
 
-    `pieces` is the number of steps between samples, and `turns` the number of parts of a step with
-    a reversal. `chosen` says that both were adapted to the noise.
+    `pieces` is the number of steps from one sample to the next, and `turns` the number of parts of a
+    step with a reversal. `chosen` says that both numbers were adapted to the noise.
     """
 
     pieces: int
@@ -52,14 +52,14 @@ class Simulator(ABC):
     """A simulator computes the channels of an experiment; it is a frozen dataclass.
 
     Parameters are `full (W, P)` in SI, with columns in the order of `parameters`: those of the
-    `model`, then those of sensors and start. All results are batch-first. A walker whose numbers
-    overflow gets NaN, in its own row only.
+    `model`, then those of sensors and start. All results are batch-first. If the numbers of
+    a walker overflow, only its own row is NaN.
     """
 
     model: Model
     experiment: Experiment
     sensing: ObservationModel  # sensors and start
-    # Whether one kernel sums up the normal equations without storing samples.
+    # True if a kernel computes the normal equations without storing samples.
     exact: ClassVar[bool] = False
 
     @cached_property
@@ -69,14 +69,14 @@ class Simulator(ABC):
 
     @cached_property
     def sensors(self) -> SensorParameters:
-        """Return the observation model, with the parameters of sensors and start."""
+        """Return the parameters of sensors and start, by which the rig is observed."""
         return SensorParameters(self.model, self.experiment, self.sensing)
 
     @property
     def record(self) -> Mapping[str, Array] | None:
-        """Return channels `y (T, K)` and inputs `u (T + 1, S)`, for the steady Kalman filter.
+        """Return channels `y` and inputs `u` for the steady Kalman filter, see `record_blocks`.
 
-        It is None if that filter cannot be used.
+        The result is None if this filter cannot be used.
         """
         return None
 
@@ -91,23 +91,23 @@ class Simulator(ABC):
         return 0
 
     def exceeds_bound(self, full: Array) -> Flags:
-        """Return which walkers `(W,)` of a compressed record need every sample."""
+        """Return for which walkers `(W,)` the error of a compressed record is too large."""
         return np.zeros(len(full), dtype=np.bool_)
 
     @property
     def unbounded(self) -> Simulator:
-        """Return a simulator that uses a compressed record for all walkers, whatever its error."""
+        """Return a simulator that uses a compressed record for all walkers, however large its error."""
         return self
 
     @property
     def stepping(self) -> Stepping | None:
-        """Return how the simulator steps; None if no step size affects the result."""
+        """Return the step sizes; None if the result does not depend on any step size."""
         return None
 
     def with_substeps(
         self, substeps: int, reversal_substeps: int = REVERSAL_SUBSTEPS, *, adaptive: bool = False
     ) -> Self:
-        """Return a simulator with other step sizes, if it has any."""
+        """Return the simulator with other step sizes, or unchanged if it has none."""
         return self
 
     def motion(self, full: Array) -> Motion:
@@ -120,7 +120,7 @@ class Simulator(ABC):
 
     @abstractmethod
     def course(self, full: Array, along: Array) -> tuple[Array, Array]:
-        """Return signals and sensitivities in one call, for q of at least 1."""
+        """Return `signals` and `sensitivities` from one call, for q >= 1 directions."""
 
     @abstractmethod
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
@@ -134,30 +134,30 @@ class Simulator(ABC):
         return self.sums(full, SQUARES)[..., 0]
 
     def neighbours(self, full: Array) -> Array:
-        """Return sums of squares of residuals, of their increments, and of both ends: `(W, K, 3)`.
+        """Return sums of squares `(W, K, 3)`: of residuals, of their increments, and of two residuals.
 
-        Increments are from a residual to the next observed one. The ends are the first and the
-        last.
+        An increment is the difference between residuals of successive observed samples. The two
+        residuals are the first and the last.
         """
-        sums = self.sums(full, NEIGHBOURS)  # squares, steps, the last, the first
+        sums = self.sums(full, NEIGHBOURS)  # squares, squared increments, last and first residual
         sums[..., 2] = sums[..., 2] ** 2 + sums[..., 3] ** 2
         return sums[..., :3]
 
     def logs(self, full: Array, weights: Array) -> Array:
-        """Return sums `(W, K)` of log(1 + weight times squared residual), with `weights (W, K)`."""
+        """Return sums `(W, K)` of log(1 + weight * residual^2), with `weights (W, K)`."""
         return log_sums(self.sums(full, LOGS, weights[..., None]))
 
     def intervals(self, full: Array, over: Array, half: Array) -> Array:
-        """Return sums `(W, K)` of the log-probabilities of intervals.
+        """Return sums `(W, K)` of log P(|z - over * residual| < half) for a standard normal z.
 
-        Each is the probability that a standard normal number is within `half (W, K)` of the
-        residual times `over (W, K)`. `half` is at least 0.2.
+        `over (W, K)` is 1 / sd, and `half (W, K)` is half the width of the interval divided by the
+        sd, at least 0.2.
         """
         totals = self.sums(full, INTERVALS, np.stack([over, half], axis=-1))
         return np.asarray(log_sums(totals[..., :3]) + totals[..., 3])
 
     def sensitivities(self, full: Array, along: Array) -> Array:
-        """Return slopes of signals along q directions `(W, q, P)` of parameters: `(W, q, T, K)`."""
+        """Return derivatives `(W, q, T, K)` of signals in q directions `along (W, q, P)`."""
         return self.course(full, along)[1]
 
     def normal(self, full: Array, along: Array, weights: Array) -> tuple[Array, Array, Array]:
@@ -201,7 +201,7 @@ class Simulator(ABC):
     def with_record(self, y: Array) -> Simulator:
         """Return the simulator of the same experiment with another record `(T, K)`.
 
-        Samples that were not measured stay so. Raises `ValueError` for a record of another shape.
+        Samples that were not measured stay missing. Raises `ValueError` for a record of another shape.
         """
         if y.shape != self.experiment.y.shape:
             raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
@@ -209,16 +209,16 @@ class Simulator(ABC):
         return self.of(dataclasses.replace(self.experiment, y=record))
 
 
-MAX_SENSITIVITY_BYTES = 6e7  # memory for sensitivities at a time [bytes]
+MAX_SENSITIVITY_BYTES = 6e7  # memory of the sensitivities that are computed at once [bytes]
 MAX_SQUARES = 1e200  # above this sum of squares, the products for the logs may have overflowed
 
 
 def whitening_scales(weights: Array) -> Array:
     """Return scales `(W, K, n)` of samples from `weights` of sums, see `Simulator.normal`.
 
-    If n is 1, they multiply the samples. If n is 3, a whitened sample of first-order autoregressive
-    noise is the first scale times the sample, minus the second scale times the sample before it.
-    The third scale multiplies the first sample of the record.
+    With scales s, a whitened sample is s_0 y if n is 1. If n is 3 (first-order autoregressive noise),
+    it is s_0 y - s_1 p, where p is the previous observed sample. The first observed sample becomes
+    s_2 y.
     """
     if weights.shape[2] == 1:
         return np.sqrt(weights)
@@ -229,7 +229,7 @@ def whitening_scales(weights: Array) -> Array:
 
 
 def whitened(values: Array, observed: Flags, scales: Array) -> Array:
-    """Return `values (W, q, T, K)` with the `scales (W, K, n)`; zero where nothing was observed."""
+    """Whiten `values (W, q, T, K)`, zero where nothing was observed, with `scales (W, K, n)`."""
     out = values * scales[:, None, None, :, 0]
     for k in range(values.shape[3] if scales.shape[2] > 1 else 0):
         rows = np.flatnonzero(observed[:, k])
@@ -240,9 +240,9 @@ def whitened(values: Array, observed: Flags, scales: Array) -> Array:
 
 
 def log_sums(tally: Array) -> Array:
-    """Return the logs `(W, K)` of products `(W, K, 3)`, see `kernels.sums`.
+    """Return the logs `(W, K)` of the products in registers `tally (W, K, 3)` of `kernels.sums`.
 
-    They are NaN if squares overflow.
+    The logs are NaN if the squares may have overflowed.
     """
     squares, product, powers = np.moveaxis(tally, -1, 0)
     whole = np.ascontiguousarray(powers).view(np.int64)
@@ -251,20 +251,20 @@ def log_sums(tally: Array) -> Array:
 
 
 def first_observed(y: Array) -> Indices:
-    """Return the number `(K,)` of the first sample of each channel that is not NaN."""
+    """Return for each channel the index `(K,)` of the first sample that is not NaN."""
     return np.isnan(y).argmin(axis=0).astype(np.int64)
 
 
 def aligned(scratch: Array) -> int:
-    """Return an address in `scratch` at a cache line; vectors across two lines take twice as long."""
+    """Return the first address in `scratch` that begins a cache line, as vectors across two are slow."""
     start = address(scratch)
     return start + -start % 64
 
 
 def in_groups(*parts: Array) -> Array:
-    """Put parts `(W, ...)`, or `(1, ...)` that walkers share, side by side: `(G, n, LANES)`.
+    """Join parts `(W, ...)`, or `(1, ...)` that walkers share, in groups of walkers `(G, n, LANES)`.
 
-    The last walker fills the last group.
+    Copies of the last walker fill the last group.
     """
     flats = [part.reshape(len(part), -1) for part in parts]
     groups, missing = -(-max(map(len, flats)) // LANES), -max(map(len, flats)) % LANES

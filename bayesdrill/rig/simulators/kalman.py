@@ -1,7 +1,7 @@
 """Filter, smooth and draw records with a latent torque, for all walkers at once.
 
-Residuals are the record minus the response without the torque. Their state is zero at the start, and
-only the torque drives it. The torque itself has its stationary variance at the start.
+Residuals are the record minus the response without the torque. They follow from a state of the rig that
+is zero at the start and driven only by the torque. The torque begins with its stationary variance.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from bayesdrill.rig.simulators.contract import in_groups
 from bayesdrill.rig.simulators.long_record import input_layout
 
 CLOCK_TOLERANCE = 1e-9  # relative to the median step: steps with a smaller difference are equal
-MAX_STEP_LENGTHS = 64  # largest number of step lengths, as each needs its own matrices
+MAX_STEP_LENGTHS = 64  # largest number of distinct step lengths; each needs its own matrices
 
 
 @dataclass(frozen=True, slots=True)
 class StepLengths:
     """Step lengths are the distinct lengths of the steps between samples.
 
-    `node (T,)` says which of `spans (M,)` leads from a sample to the next. With `lead`, the last
-    span leads from the start to the first sample.
+    `node (T,)` is the index in `spans (M,)` of the step from each sample to the next. If `lead` is
+    true, the last span is the step from the start to the first sample.
     """
 
     spans: Array
@@ -59,9 +59,9 @@ def step_lengths(experiment: Experiment) -> StepLengths:
         spans, node = spans * CLOCK_TOLERANCE * median, np.append(step_of, 0).astype(np.int64)
         if len(spans) > MAX_STEP_LENGTHS:
             raise ValueError(
-                f"its samples are {len(spans)} different lengths of time apart, and a missing torque "
-                f"allows for {MAX_STEP_LENGTHS}. Give `record.time: {{rate: ...}}` if only its clock "
-                "jitters, or put the record on a grid of times"
+                f"the steps between its samples have {len(spans)} different lengths; a missing torque "
+                f"allows at most {MAX_STEP_LENGTHS}. Give `record.time: {{rate: ...}}` if only the "
+                "clock jitters, or put the record on a grid of times"
             )
     ahead = experiment.lead
     if ahead > 0.0:
@@ -71,11 +71,11 @@ def step_lengths(experiment: Experiment) -> StepLengths:
 
 @dataclass(frozen=True)
 class KalmanFilter:
-    """The filter treats the residuals of a rig with a missing torque.
+    """The filter processes the residuals of a rig with a missing torque.
 
     `parameters (W, P + 2)` are those of the rig, then size and correlation time of the torque.
-    `sigmas (W, K)` are of white noise. `residuals (W, T, K)` are measured minus model, NaN where
-    nothing was measured.
+    `sigmas (W, K)` are the sds of white noise. `residuals (W, T, K)` are measured minus model, NaN
+    where nothing was measured.
     """
 
     model: Model
@@ -156,7 +156,7 @@ class KalmanFilter:
         """Return whitened residuals `(W, T, K)` and the variances `(W, T, K)` of innovations.
 
         Whitened residuals are independent standard normal numbers, NaN where nothing was observed.
-        Each variance is that of a sample given all samples before it.
+        Each variance is that of a sample given all previous samples.
         """
         filtered = self._run("whiten", [parameters], [sigmas**2], [self._filled(residuals)], 2)
         whitened, variances = filtered[..., 0], filtered[..., 1]
@@ -169,9 +169,9 @@ class KalmanFilter:
         sigmas: tuple[Array, Array],
         residuals: tuple[Array, Array],
     ) -> tuple[Array, Array, Array, Array]:
-        """Return whitened residuals, their slope, the variances and their slope, `(W, T, K)` each.
+        """Return whitened residuals and variances, each followed by its derivative, `(W, T, K)`.
 
-        Arguments are pairs (value, slope). Results are zero where nothing was observed.
+        Arguments are pairs (value, derivative). Results are zero where nothing was observed.
         """
         sizes, changes = sigmas
         variances = [sizes**2, 2.0 * sizes * changes]
@@ -180,13 +180,13 @@ class KalmanFilter:
         return filtered[..., 0], filtered[..., 1], filtered[..., 2], filtered[..., 3]
 
     def smooth(self, parameters: Array, sigmas: Array, residuals: Array) -> Array:
-        """Return smoothed states of `augmented`, `(W, T, n)`; torque states are divided by its size."""
+        """Return smoothed states of `augmented`, `(W, T, n)`; the torque is divided by its size."""
         return self._run("smooth", [parameters], [sigmas**2], [self._filled(residuals)], 0)
 
     def draw(
         self, parameters: Array, sigmas: Array, rng: np.random.Generator
     ) -> tuple[Array, Array]:
-        """Draw states `(W, T, n)`, and the channels with their noise `(W, T, K)`."""
+        """Draw states `(W, T, n)`, and channels `(W, T, K)` that include their noise."""
         shape = (len(parameters), len(self.experiment.t), self.system.n + self.system.k)
         drawn = self._run("draw", [parameters], [sigmas**2], [rng.standard_normal(shape)], 0)
         return drawn[..., : self.system.n], drawn[..., self.system.n :]
@@ -202,7 +202,7 @@ class KalmanFilter:
         residuals: list[Array],
         each: int,
     ) -> Array:
-        """Run a kernel that gives `each` numbers per channel or, if it is 0, states (and channels)."""
+        """Run a kernel that returns `each` numbers per channel or, if 0, states (and channels)."""
         system, width = self.system, len(parameters)
         n_walkers, t_count = len(parameters[0]), len(self.experiment.t)
         columns = system.k * each if each else system.n + (system.k if name == "draw" else 0)
@@ -218,5 +218,5 @@ class KalmanFilter:
 
 
 def _in_turn(parts: list[Array]) -> Array:
-    """Put values `(W, ...)` and their slopes alternately, in groups of lanes."""
+    """Interleave values `(W, ...)` with their derivatives, and arrange them in groups of lanes."""
     return in_groups(np.stack(parts, axis=-1))

@@ -1,10 +1,10 @@
-"""Compute the response of a linear rig to constant and sampled inputs, exact to rounding.
+"""Compute the response of a linear rig to constant and sampled inputs, exact except for rounding.
 
-Each distinct step of the record gets a matrix exponential; if these are many, the action of the
-exponential is computed instead. A recurrence over the samples follows. A sampled input is constant
-between samples (zero-order hold) or interpolated linearly (first-order hold). For either the
-discrete system is exact (Van Loan 1978). Sensors may be late, scaled and shifted, and the start may
-be unknown (`sensors`).
+For each distinct step length, the matrix exponential is computed. If there are many lengths, its
+action on the state is computed at each step instead. A recurrence over the samples follows. A sampled
+input is constant between samples (zero-order hold) or interpolated linearly (first-order hold). The
+discrete system is exact for both holds (Van Loan 1978). Sensors may have delays, gains and offsets,
+and the start may be unknown (`sensors`).
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from bayesdrill.rig.simulators.long_record import LongRecord, input_layout, reco
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers, beside
 from bayesdrill.rig.simulators.time_grid import Grid, inputs_at_knots
 
-# Largest record [numbers] for which a kernel takes memory for eight walkers at once.
+# Largest number of values in a record whose signals a kernel stores for eight walkers at once.
 MAX_GROUPED = 8_000_000
 PERFECT = ObservationModel()
-MAX_AHEAD = 4  # largest advance of a channel, in lengths of the record
+MAX_AHEAD = 4  # largest advance of a channel, as a multiple of the record's length
 
 
 @dataclass(frozen=True, eq=False)
 class Response(Simulator):
-    """The response is that of `model` in `experiment`, observed by sensors with `sensing`."""
+    """The response of `model` in `experiment` is observed by the sensors that `sensing` describes."""
 
     model: Model
     experiment: Experiment
@@ -55,7 +55,7 @@ class Response(Simulator):
 
     @cached_property
     def record(self) -> Mapping[str, Array] | None:
-        """See `Simulator.record`; it is None unless sensors are perfect and times even."""
+        """See `Simulator.record`; None unless times are even, and sensors perfect and complete."""
         experiment = self.experiment
         plain = self.sensing.empty and experiment.uniform and bool(experiment.seen.all())
         return record_blocks(experiment) if plain else None
@@ -83,7 +83,7 @@ class Response(Simulator):
         """See `Simulator.normal`; q is at least 1."""
         q, k = along.shape[1], self._padded.shape[1]
         scales = whitening_scales(weights)
-        if scales.shape[2] == 1:  # white noise has no memory, and all samples are alike
+        if scales.shape[2] == 1:  # white noise: the previous sample has no weight
             scales = scales * np.array([1.0, 0.0, 1.0])
         flat = scales.swapaxes(1, 2).reshape(len(scales), -1)
         rows = self._run(full, (k + (1 + q) ** 2,), along=along, weights=flat)
@@ -99,7 +99,7 @@ class Response(Simulator):
 
     @cached_property
     def _padded(self) -> Array:
-        """Return the record at all knots of whole steps `(T, K)`, NaN where there is no sample."""
+        """Return the record at all knots, up to a whole number of joined steps; NaN without a sample."""
         g, y = self._grid, np.asarray(self.sensors.padded)
         joined = self._structure.joined
         padded = np.full((-(-(len(g.t) - 1) // joined) * joined, y.shape[1]), np.nan)
@@ -108,20 +108,20 @@ class Response(Simulator):
 
     @cached_property
     def _samples(self) -> Any:
-        """Return the knots that are samples, as a slice if possible, which copies faster."""
+        """Return the indices of samples among knots; a slice if possible, since slices copy faster."""
         at = self._grid.at[1:] if self.sensors.lead else self._grid.at
         in_a_row = len(at) == 0 or len(at) == at[-1] - at[0] + 1
         return slice(at[0], at[-1] + 1) if in_a_row else at
 
     @cached_property
     def _late(self) -> tuple[bool, ...]:
-        """Return for each channel whether it is late."""
+        """Return for each channel whether it has a delay."""
         lags, delayed = self.sensing.lags, self.sensing.delay is not None
         return tuple(delayed or channel.name in lags for channel in self.experiment.channels)
 
     @cached_property
     def _structure(self) -> LinearShape:
-        """Return the structure of rig, sensors and times, which all outputs share."""
+        """Return the structure of rig, sensors and times that kernels of all outputs share."""
         return LinearShape(
             layout=input_layout(self.sensors.observed_model, self.experiment),
             rows=tuple(map(tuple, (self.sensors.weights != 0.0).tolist())),
@@ -139,9 +139,9 @@ class Response(Simulator):
     def _bind(
         self, tally: ResidualSums | None, q: int, ahead: int, *, stored: bool
     ) -> tuple[BoundFunction, int]:
-        """Return the kernel with what does not depend on walkers, and the vectors of scratch.
+        """Return the kernel, bound to all arguments that walkers share, and the size of scratch.
 
-        There are q directions, and `ahead` further knots after the last one.
+        There are q directions, and `ahead` further knots after the record.
         """
         wanted = (tally, q, ahead, stored)
         if wanted not in self._functions:
@@ -160,14 +160,14 @@ class Response(Simulator):
 
     @cached_property
     def _shared(self) -> dict[str, Array]:
-        """Return the numbers that all walkers share, the nodes of the grid, and the record."""
+        """Return blocks that all walkers share: constants, nodes of the grid, and the record."""
         g, constants = self._grid, present(self.experiment.constant).values()
         numbers = np.array([g.width or g.usual, *constants])
         record = {"y": self._padded, "begin": first_observed(self._padded)}
         return {"numbers": numbers, "spans": g.spans, "chained": g.chained, **record}
 
     def _knots(self, ahead: int) -> dict[str, Array]:
-        """Return all blocks that do not depend on walkers, with `ahead` knots after the last one."""
+        """Return all blocks that walkers share, with `ahead` further knots after the record."""
         g, first_order = self._grid, self.experiment.first_order
         u, slopes = inputs_at_knots(g, self.sensors.knots[1], first_order=first_order)
         more = ahead + len(self._padded) - len(u)
@@ -185,7 +185,7 @@ class Response(Simulator):
 
     @cached_property
     def _median_node(self) -> int:
-        """Return the node nearest to the median step."""
+        """Return the index of the node whose span is nearest to the median step."""
         return int(np.argmin(np.abs(self._grid.spans - self._grid.usual)))
 
     @property
@@ -194,7 +194,7 @@ class Response(Simulator):
 
     @cached_property
     def _high(self) -> int:
-        """Return the number of rungs from the width on; late channels need the longest step."""
+        """Return the number of rungs >= `width` in `kernels.transitions`; -1 if nothing needs rungs."""
         g = self._grid
         if not any(self._late):
             return 0 if g.width > 0.0 else -1
@@ -205,7 +205,7 @@ class Response(Simulator):
 
     @cached_property
     def _perfect(self) -> Array | None:
-        """Return start and rows of perfect sensors, `(1, X + K (X + 1))`; None of others."""
+        """Return start and sensor rows, `(1, X + K (X + 1))`, if all are known; otherwise None."""
         if not self.sensing.empty:
             return None
         weights = self.sensors.weights
@@ -213,9 +213,9 @@ class Response(Simulator):
         return np.append(start, np.column_stack([weights, np.zeros(len(weights))]))[None]
 
     def _walkers(self, full: Array | Dual) -> tuple[list[Any], int]:
-        """Return the numbers of walkers `(W, ...)` or, if all have the same, `(1, ...)`.
+        """Return blocks of numbers `(W, ...)`, or `(1, ...)` if walkers share them, and `ahead`.
 
-        Only the first can have slopes. The knots that are needed after the last one are counted.
+        Only the first block can have derivatives. `ahead` is the number of knots after the record.
         """
         if self._perfect is not None:
             return [full, self._perfect], 0
@@ -243,12 +243,12 @@ class Response(Simulator):
         weights: Array | None = None,
         stored: bool = False,
     ) -> Array:
-        """Return sums of a tally or, along directions, normal equations; or signals: `(W, *out)`."""
+        """Return `(W, *out)`: sums of a `tally`, normal equations in directions `along`, or signals."""
         blocks, q = dict[str, Array](), 0
         walkers: Array | Dual = full
         if along is not None:
             n, q, p = along.shape
-            # Only numbers of sensors have slopes that depend on the walker.
+            # With perfect sensors, `along` itself has the derivatives, and no value is repeated.
             times = q if self._perfect is None else 1
             walkers = Dual(full.repeat(times, axis=0), along.reshape(n * q, p))
         (numbers, *others), ahead = self._walkers(walkers)

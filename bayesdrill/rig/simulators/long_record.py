@@ -1,7 +1,7 @@
-"""Compute a long record on its grid, part by part: its inputs, and the response of a rig.
+"""Compute the inputs of a long record and the response of a rig to them, part by part.
 
-In extended precision (80 bits where the platform has them) one response is the reference of many
-others. In double precision it serves where a kernel would need the memory of eight walkers for one.
+A response in extended precision (80 bits if the platform has them) is the reference for responses at
+other parameters. In double precision, it replaces a kernel that needs memory for eight walkers at once.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from bayesdrill.rig.simulators.time_grid import Whole
 
 Long = np.longdouble
 LongArray = NDArray[Any]  # extended or double precision
-SERIES, HALVINGS = 22, 12  # terms of the exponential's series, and least number of halvings
-STRETCHES = 1024  # stretches of a part that are stepped side by side
+SERIES, HALVINGS = 22, 12  # terms of the exponential's series, and smallest number of halvings
+STRETCHES = 1024  # number of segments of a part that are stepped simultaneously
 
 
 @dataclass(frozen=True, slots=True)
 class LongRecord:
-    """The record has even steps, for a rig with `sensors`.
+    """A long record has evenly spaced knots, and a rig with `sensors`.
 
-    `step` [s] is between `count` knots. `at (n,)` has the knots that are samples; None if all are.
+    `count` knots are `step` [s] apart. `at (n,)` has the knots that are samples; None if all are.
     """
 
     sensors: SensorParameters
@@ -62,7 +62,7 @@ class LongRecord:
         return np.array(columns).reshape(len(columns), len(knots)).T
 
     def responses(self, full: Array, kind: type = Long) -> Iterator[tuple[Array, LongArray]]:
-        """Yield inputs `(m, S)` and channels `(m, K)` of the rig `full (P,)`, part after part."""
+        """Yield inputs `(m, S)` and channels `(m, K)` at parameters `full (P,)`, part by part."""
         layout, experiment = self.layout, self.sensors.experiment
         x, p, series = layout.n_states, layout.n_parameters, layout.n_series
         numbers = ObservedWalkers(self.sensors, full[None]).numbers[0]
@@ -72,7 +72,7 @@ class LongRecord:
         for row, column, value in layout.entries(long):
             matrix[row, column] += value if row >= x else value * Long(self.step)
         step: LongArray = long_exponential(matrix).astype(kind)
-        # Columns of one and of inputs, then of increments of interpolated inputs.
+        # Columns for constant forcing and inputs, then for increments of interpolated inputs.
         fall, columns = step[:x, :x], step[:x, x:].T
         rows = numbers[p + x :].reshape(-1, x + 1).astype(kind)
         state = numbers[p : p + x].astype(kind)
@@ -95,7 +95,7 @@ class LongRecord:
         return [slice(k, k + size) for k in range(0, k_count, size)]
 
     def residuals(self, full: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield inputs `(m, S)` and residuals of the rig `(m, K)`, NaN where nothing was observed."""
+        """Yield inputs `(m, S)` and residuals `(m, K)`, part by part; NaN where nothing was observed."""
         y, first = self._at_knots(), 0
         for inputs, shown in self.responses(full):
             last = first + len(inputs)
@@ -123,7 +123,7 @@ def input_layout(model: Model, experiment: Experiment) -> Layout:
 
 
 def record_blocks(experiment: Experiment) -> dict[str, Array]:
-    """Return record and inputs `(T, S)` of even times, with a first-order hold their slopes too."""
+    """Return record and inputs `(T, S)` at even times; `(T, 2 S)` with slopes for a first-order hold."""
     series = [*experiment.series.values()]
     if experiment.first_order:
         series += [np.append(np.diff(u), 0.0) / experiment.dt for u in series]
@@ -148,9 +148,9 @@ def long_exponential(matrix: LongArray) -> LongArray:
 def long_states(fall: LongArray, drive: LongArray, start: LongArray) -> LongArray:
     """Return states `(T + 1, X)` of x(t + 1) = x(t) + fall x(t) + drive(t), in the given precision.
 
-    `fall (X, X)`, `drive (T, X)` and `start (X,)` are given. Stretches of the record are stepped
-    side by side: first from rest, which gives the state at the beginning of each, and then from
-    there.
+    `fall` is `(X, X)`, `drive` `(T, X)` and `start` `(X,)`. Segments of the record are stepped
+    simultaneously: first from rest, to find the state at the beginning of each segment, and then
+    from this state.
     """
     t_count, x = drive.shape
     length = -(-t_count // STRETCHES)

@@ -2,7 +2,7 @@
 
     y_k(t) = gain_k c_k . x(t - lag_k - delay) + offset_k        x' = A x + B (gain_u u + offset_u) + c
 
-A delay holds for all inputs, including their offsets: until then the rig is at its start.
+The delay applies to all inputs and their offsets: before it has passed, channels show the start.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from bayesdrill.rig.simulators.time_grid import Grid, build_grid
 
 
 def signal_names(model: Model) -> tuple[str, ...]:
-    """Return the signals that a sensor may show: states, and combinations of them."""
+    """Return the signals that a sensor may measure: states, and combinations of states."""
     combined = [n for n, of in model.combinations.items() if {*of} <= {*model.outer}]
     return (*model.outer, *combined)
 
 
 def state_weights(model: Model, combines: Mapping[str, float]) -> dict[str, float]:
-    """Return the weights of states in a sum of `signal_names`."""
+    """Convert weights of `signal_names` in a sum to weights of states."""
     weights: dict[str, float] = {}
     for name, factor in combines.items():
         for state, weight in model.combinations.get(name, {name: 1.0}).items():
@@ -42,10 +42,10 @@ def state_weights(model: Model, combines: Mapping[str, float]) -> dict[str, floa
 class ObservationModel:
     """An observation model names the parameters of sensors and start, by channel, input or state.
 
-    `input_lags` are the lags of single inputs: the rig receives an input later than its record says.
-    `delay` is common to all inputs, or the moment at which constant ones are switched on. `states` are
-    unknown states of the start. If the start is `steady`, the rest of it is the steady state under
-    the first inputs.
+    `input_lags` are the lags of single inputs: the rig receives such an input later than recorded.
+    `delay` is common to all inputs, and also the time at which constant inputs are switched on.
+    `states` are the unknown start values. If the start is `steady`, all other start values are those
+    of the steady state under the first inputs.
     """
 
     gains: Mapping[str, str] = field(default_factory=dict)
@@ -73,7 +73,7 @@ class ObservationModel:
 
     @property
     def shifts(self) -> bool:
-        """Return whether any channel is observed at other times than the inputs."""
+        """Return whether channels may be delayed relative to the inputs."""
         return bool(self.lags) or self.delay is not None
 
     def moves(self, start: Mapping[str, float], angles: Collection[str]) -> bool:
@@ -134,7 +134,7 @@ class ObservedModel(WrappedModel):
 
 
 def observed_model(rig: Model, sensing: ObservationModel) -> Model:
-    """Return the rig with its input sensors; the rig itself if these have no unknowns."""
+    """Return the rig with its input sensors; the rig itself if these sensors have no unknowns."""
     if not sensing.input_gains and not sensing.input_offsets:
         return rig
     gains, offsets = sensing.input_gains.items(), sensing.input_offsets.items()
@@ -145,7 +145,7 @@ def observed_model(rig: Model, sensing: ObservationModel) -> Model:
 class SensorParameters:
     """The columns of `full (W, P)` are the model's parameters, then those that `sensing` names.
 
-    `full` may be an array with slopes; results then have slopes too.
+    `full` may be a `Dual`; results then have derivatives too.
     """
 
     model: Model
@@ -169,17 +169,17 @@ class SensorParameters:
 
     @cached_property
     def _columns(self) -> list[int] | None:
-        """Return the indices of these columns; None if they are all."""
+        """Return the indices of `simulator_parameters` in `full`; None if these are all columns."""
         places = [self.parameters.index(name) for name in self.observed_model.parameters]
         return None if places == [*range(len(self.parameters))] else places
 
     def column(self, name: str, full: Any) -> Any:
-        """Return the column `(W,)` of a name."""
+        """Return the column `(W,)` of a parameter."""
         place = self.parameters.index(name)
         return linear_map(lambda part: part[:, place], full)
 
     def placed(self, places: Mapping[int, str], count: int, full: Any) -> Any:
-        """Return the named columns at the indices `places` of an array `(W, count)`, zero elsewhere."""
+        """Return an array `(W, count)` with named columns at the indices `places`, otherwise zero."""
         columns = [self.parameters.index(name) for name in places.values()]
 
         def spread(part: Array) -> Array:
@@ -193,15 +193,15 @@ class SensorParameters:
 
     @property
     def lead(self) -> bool:
-        """Return whether the start is before the first sample, as a knot of its own."""
+        """Return whether the start is before the first sample, so that it is a knot of its own."""
         return self.experiment.lead > 0.0
 
     @cached_property
     def knots(self) -> tuple[Array, dict[str, Array]]:
-        """Return the times of start and samples, and the sampled inputs there.
+        """Return the times of start and samples, and the sampled inputs at these times.
 
-        Steps that are nearly equal become equal. Before the first sample inputs have their values
-        there.
+        Steps that are nearly equal become equal. At an earlier start, inputs have their values at
+        the first sample.
         """
         experiment = self.experiment
         t = np.asarray(experiment.t)
@@ -214,17 +214,17 @@ class SensorParameters:
 
     @cached_property
     def grid(self) -> Grid:
-        """Return the grid of these times."""
+        """Return the grid of the times in `knots`."""
         return build_grid(self.knots[0])
 
     @cached_property
     def padded(self) -> Array:
-        """Return the record, with a sample without values at a start before it."""
+        """Return the record; a row of NaN comes first if the start is before the first sample."""
         y = self.experiment.y
         return np.vstack([np.full((1, y.shape[1]), np.nan), y]) if self.lead else np.asarray(y)
 
     def drop_start(self, signals: Array) -> Array:
-        """Return `signals (W, T, ...)` at samples alone, without an earlier start."""
+        """Return `signals (W, T, ...)` at samples only, without the row of an earlier start."""
         return signals[:, 1:] if self.lead else signals
 
     @cached_property
@@ -250,13 +250,13 @@ class SensorParameters:
     # Sensors.
 
     def channel_values(self, named: Mapping[str, str], full: Any) -> Any:
-        """Return a parameter of each channel, `(W, K)`, zero for channels without it."""
+        """Return a parameter, such as the lag, of each channel `(W, K)`; zero if a channel lacks it."""
         names = [channel.name for channel in self.experiment.channels]
         places = {k: named[name] for k, name in enumerate(names) if name in named}
         return self.placed(places, len(names), full)
 
     def gains(self, full: Any) -> Any:
-        """Return the gains of channels `(W, K)`, one for channels without an unknown gain."""
+        """Return the gains of channels `(W, K)`, which are 1 unless a gain is unknown."""
         known = self.sensing.gains
         one = np.array([c.name not in known for c in self.experiment.channels], dtype=np.float64)
         return self.channel_values(known, full) + one
@@ -278,7 +278,7 @@ class SensorParameters:
         return out + linear_map(lambda d: d[:, None], self.column(self.sensing.delay, full))
 
     def input_values(self, named: Mapping[str, str], full: Any) -> Any:
-        """Return a parameter of the inputs that have it, `(W, S)`."""
+        """Return a parameter, such as the lag, of those S inputs that have it, `(W, S)`."""
         places = dict(enumerate(named[name] for name in self.inputs if name in named))
         return self.placed(places, len(places), full)
 
@@ -286,13 +286,13 @@ class SensorParameters:
 
     @cached_property
     def angles(self) -> list[int]:
-        """Return the indices of the angles."""
+        """Return the indices of angles among the states."""
         return steady_state.angle_indices(self.model)
 
     def shift_angles(self, states: Any, free: Array | None, full: Any) -> Any:
-        """Turn the rig in steady states so that an angle of the start has its known value.
+        """Turn the whole rig, in steady `states`, until the first given start angle has its value.
 
-        `free` is its `free_turn`.
+        `free` is the rig's `steady_state.free_turn`.
         """
         turn = np.ones(len(self.angles)) if free is None else free
         for k, times in zip(self.angles, turn, strict=True):
@@ -309,9 +309,9 @@ class SensorParameters:
 
 
 class ObservedWalkers:
-    """The walkers `full (W, P)` have numbers of their own, each computed when it is asked for.
+    """The class computes the start and the sensor rows of walkers `full (W, P)` when needed.
 
-    `full` is an array, or one with slopes; all results then have slopes.
+    `full` may be a `Dual`; all results then have derivatives too.
     """
 
     def __init__(self, sensors: SensorParameters, full: Array | Dual) -> None:
@@ -371,7 +371,7 @@ class ObservedWalkers:
 
     @cached_property
     def before(self) -> Any:
-        """Return the rates of states before the start `(W, X)`; zero if the rig is at rest."""
+        """Return the rates of states `(W, X)`, with which they change linearly before the start."""
         if not self.sensors.moves:
             return linear_map(np.zeros_like, self.start)
         moved = self.system[0] * linear_map(lambda part: part[:, None, :], self.start)
@@ -390,7 +390,7 @@ class ObservedWalkers:
 
 
 def _mapped(linear: Linear, part: Callable[[Any], Any]) -> Linear:
-    """Return the linear system with `part` applied to each entry, such as its value or its slope."""
+    """Apply `part`, which takes the value or the derivative of an entry, to all entries of a system."""
     return Linear(
         A={place: part(entry) for place, entry in linear.A.items()},
         B={place: part(entry) for place, entry in linear.B.items()},
@@ -407,7 +407,7 @@ def _slope(entry: Any) -> Any:
 
 
 def beside(*parts: Any) -> Any:
-    """Put arrays `(W, ...)` side by side, `(W, n)`, with their slopes if they have any."""
+    """Flatten arrays `(W, ...)` and join them to one `(W, n)`, with any derivatives."""
 
     def joined(*arrays: Array) -> Array:
         return np.concatenate([array.reshape(len(array), -1) for array in arrays], axis=1)

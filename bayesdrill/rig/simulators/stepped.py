@@ -1,9 +1,9 @@
-"""Compute the response in equal steps: for rigs with friction, and inputs with single lags.
+"""Compute the response in equal time steps, for rigs with friction and inputs with lags of their own.
 
-While every friction slips or sticks, a step is exact. An event, such as a zero crossing of a speed,
-leaves an error of second order in the step length (`kernels.reversals`). So a step with an event is
-made in parts, and `pieces` steps make the interval between two samples. Channels with other
-sampling times are read between steps.
+A step without an event is exact. An event, such as a zero crossing of a speed, causes an error of
+second order in the step length (`kernels.reversals`). So a step with an event is divided into parts,
+and the interval between two samples into `pieces` steps. Channels whose samples lie between steps are
+interpolated.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from bayesdrill.rig.simulators.time_grid import UniformGrid
 
 @dataclass(frozen=True)
 class Stepped(Simulator):
-    """The simulator advances in steps; `Stepping` explains its fields."""
+    """The simulator advances in steps; `Stepping` explains its last three fields."""
 
     model: Model
     experiment: Experiment
@@ -108,14 +108,14 @@ class Stepped(Simulator):
     def _bind(
         self, ahead: UniformGrid, tally: ResidualSums | None, **kind: bool
     ) -> tuple[SteppedShape, tuple[str, ...], BoundFunction]:
-        """Return the kernel of a `kind`, with what does not depend on walkers.
+        """Return the structure of a kernel, the names of its `walker_blocks`, and the kernel.
 
-        Its structure and the names of its `walker_blocks` come with it.
+        The kernel is bound to all arguments that walkers share.
         """
         wanted = (id(ahead), tally, *kind.values())
         if wanted not in self._functions:
             w, experiment = self.sensors, self.experiment
-            # Columns of states and of one, with or without offsets, so that one kernel serves both.
+            # The last column is for offsets; it is always there, so that one kernel serves all sensors.
             seen = np.column_stack([w.weights, np.ones(len(w.weights))])
             rows = _unit_rows(self.model)[0] if kind["efforts"] else seen
             shape = SteppedShape(
@@ -147,7 +147,7 @@ class Stepped(Simulator):
         weights: Array | None = None,
         efforts: bool = False,
     ) -> Array:
-        """Return sums `(W, K, n)`, or signals `(W, T, K)`, with slopes `(W, T, K, 2)`."""
+        """Return sums `(W, K, n)`, signals `(W, T, K)`, or signals with derivatives `(W, T, K, 2)`."""
         parts = self._parts(full, along)
         if weights is not None:
             parts["weight"] = [weights]
@@ -155,7 +155,7 @@ class Stepped(Simulator):
             parts["rows"] = [_unit_rows(self.model)]
         read = not efforts and (self.sensing.shifts or not ahead.aligned)
         dual = along is not None
-        stored = tally is None and not dual and not efforts  # by a kernel of sums
+        stored = tally is None and not dual and not efforts  # by the kernel that adds up squares
         wanted = SQUARES if stored else tally
         shape, names, function = self._bind(ahead, wanted, efforts=efforts, dual=dual, read=read)
         after = ahead.steps_after(parts["shift"][0]) if read else 0
@@ -175,9 +175,9 @@ class Stepped(Simulator):
         return result if tally or dual else result[..., 0]
 
     def _parts(self, full: Array, along: Array | None) -> dict[str, list[Array]]:
-        """Return the parts of the block `own`, and their slopes.
+        """Return the parts of the block `own` by name, each followed by its derivatives along `along`.
 
-        Each is `(W, ...)`, or `(1, ...)` if all walkers share it.
+        Each part is `(W, ...)`, or `(1, ...)` if all walkers share it.
         """
         walkers = ObservedWalkers(self.sensors, full if along is None else Dual(full, along))
         known = self._shared_parts or self._walker_parts(walkers)
@@ -217,7 +217,7 @@ class Stepped(Simulator):
 
 
 def _unit_rows(model: Model) -> Array:
-    """Return rows that show each state and each effort, `(1, X + E, X + 1 + E)`."""
+    """Return sensor rows that select each state and each effort, `(1, X + E, X + 1 + E)`."""
     x, e = len(model.states), len(model.frictions)
     rows = np.zeros((1, x + e, x + 1 + e))
     rows[:, range(x), range(x)] = 1.0

@@ -1,4 +1,4 @@
-"""Build the steps through the times of a record, either equal or of few distinct lengths."""
+"""Divide the times of a record into steps that are equal or have few distinct lengths."""
 
 from __future__ import annotations
 
@@ -13,29 +13,28 @@ from bayesdrill.basics.arrays import Array
 
 Whole = NDArray[np.int64]
 
-STEP_TOLERANCE = 1e-12  # relative to a step: steps with a smaller difference are equal
-# Relative to the latest time: its rounding hides smaller differences.
+STEP_TOLERANCE = 1e-12  # relative to the median step: smaller differences count as zero
+# Relative to the latest time: smaller differences are hidden by the rounding of times.
 CLOCK_ROUNDING = 4 * np.finfo(float).eps
-# Largest number of knots per sample at which missing samples are filled to equal steps.
+# Largest ratio of knots to samples at which missing samples are filled in to make steps equal.
 MAX_FILL_RATIO = 1.5
-# Distinct steps with one exponential each: 4, plus one for every 100 samples.
+# Largest number of distinct steps with an exponential each: 4 + n_samples / 100.
 MIN_DISTINCT_STEPS, SAMPLES_PER_STEP = 4, 100
-CELLS, SAMPLES_PER_CELL = (24, 64), 12  # other steps: one cell for 12 samples, within these limits
-WIDTH_RATIO = 1.25  # ratio of the widths that are tried
+CELLS, SAMPLES_PER_CELL = (24, 64), 12  # largest cost of cells: n_samples / 12, from 24 to 64
+WIDTH_RATIO = 1.25  # ratio of successive cell widths in the search
 BELOW_ONE = 1.0 - 2.0**-53
-EXPONENTIAL_COST = 10  # cost of an exponential, in products
-LONG_STEP = 2.0  # in median steps: longer steps are divided into pieces if steps are in cells
+EXPONENTIAL_COST = 10  # cost of an exponential, in matrix products
+LONG_STEP = 2.0  # in median steps: a grid with cells divides longer steps into pieces
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """The knots of a grid are the samples, and others within long steps.
+    """The knots of a grid are the samples, and further knots within long steps.
 
-    `t (T + 1,)` are the times of knots from the first on, with infinity at the end; `at (n,)` are
-    the samples' knots. Step j covers `spans[node[j]]` and, unless `share[j]` is -1, that share of a
-    `width` more. `chained (N,)` is 1 if a node's span is that of the node before plus a width.
-    `usual` is the median step. Times nearer to each other than `near` are equal. `uniform` says
-    that one step leads between all knots.
+    `t (T + 1,)` are the times since the first knot, then infinity; `at (n,)` are the indices of
+    samples among knots. Step j has the length `spans[node[j]]`, plus `share[j] * width` unless
+    `share[j]` is -1. `chained[k]` is 1 if `spans[k]` is `spans[k - 1] + width`. `usual` is the median
+    step. Times that differ by less than `near` are equal. `uniform` says that all steps are equal.
     """
 
     t: Array
@@ -74,7 +73,7 @@ def build_grid(times: Array) -> Grid:
 
 
 def _merged(steps: Array, near: float) -> tuple[Whole, Array]:
-    """Return the cluster of each step, and the clusters' means."""
+    """Return the index of each step's cluster of nearly equal steps, and the clusters' means."""
     order = np.argsort(steps, kind="stable")
     edges = np.diff(steps[order]) > near
     cluster = np.concatenate([[0], np.cumsum(edges)])
@@ -85,7 +84,7 @@ def _merged(steps: Array, near: float) -> tuple[Whole, Array]:
 
 
 def _made(t: Array, at: Whole, node: Whole, spans: Array, median: float, near: float) -> Grid:
-    """Return a grid whose steps have the spans of nodes; the last knot leads nowhere."""
+    """Return a grid whose step j has the length `spans[node[j]]`; no step follows the last knot."""
     uniform = len(t) > 1 and len(spans) == 1
     return Grid(
         t=np.append(t, np.inf), at=at, node=np.append(node, 0), share=np.full(len(t), -1.0),
@@ -95,9 +94,10 @@ def _made(t: Array, at: Whole, node: Whole, spans: Array, median: float, near: f
 
 
 def _in_pieces(t: Array, steps: Array, median: float) -> tuple[Array, Whole, Whole]:
-    """Add knots to steps longer than `LONG_STEP` median ones: pieces of 1, 2, 4, ... of these.
+    """Divide steps longer than `LONG_STEP` median steps into pieces of 1, 2, 4, ... median steps.
 
-    Returns the knots, the samples' knots, and for each step its piece, 0 if it is none.
+    Returns the knots, the indices of samples among them, and each piece's number of median steps. This
+    number is 0 for other steps, and for the remainder of a long step.
     """
     long = np.flatnonzero(steps > LONG_STEP * median)
     counts = (steps[long] / median).astype(np.int64) - 1
@@ -117,10 +117,7 @@ def _in_pieces(t: Array, steps: Array, median: float) -> tuple[Array, Whole, Who
 
 
 def _in_cells(t: Array, at: Whole, pieces: Whole, median: float, near: float) -> Grid:
-    """Return the grid with the narrowest cells whose number is acceptable.
-
-    Pieces have nodes of their own.
-    """
+    """Return the grid with the narrowest cells of acceptable cost; pieces have their own nodes."""
     steps, free = np.diff(t), pieces == 0
     most = int(np.clip(len(t) // SAMPLES_PER_CELL, *CELLS))
     width = float(steps[free].max())
@@ -146,14 +143,14 @@ def _cells(steps: Array, width: float) -> Whole:
 
 
 def _cost(cells: Whole) -> int:
-    """Return the cost in matrix products: the first of adjacent cells needs an exponential."""
+    """Return the cost of cells in matrix products: a cell after a gap needs an exponential."""
     return len(cells) + EXPONENTIAL_COST * int(np.sum(np.diff(cells) != 1))
 
 
 def inputs_at_knots(
     g: Grid, series: Mapping[str, Array], *, first_order: bool
 ) -> tuple[Array, Array]:
-    """Return sampled inputs `(T, S)` at all knots, and their slopes after them."""
+    """Return sampled inputs `(T, S)` at all knots, and their slopes in the steps that follow."""
     inputs = np.array([*series.values()]).reshape(len(series), len(g.at)).T
     n_knots = len(g.t) - 1
     before = np.searchsorted(g.at, np.arange(n_knots), side="right") - 1
@@ -165,14 +162,14 @@ def inputs_at_knots(
     return inputs[before] + slopes * since, slopes
 
 
-NODE_TOLERANCE = 1e-9  # relative to a step: a shift that near to whole steps is whole
+NODE_TOLERANCE = 1e-9  # in steps: a lag this close to a whole number of steps is that number
 
 
 class UniformGrid:
-    """The nodes are `span` apart, `pieces` of them to the median step, from the first of `t (T,)` on.
+    """The nodes begin at the first of `t (T,)` and are `span` apart, the median step / `pieces`.
 
-    Inputs `series`, each `(T,)`, are interpolated between samples (`first_order`) or held. Over a
-    step they are their value at its beginning and their slope, or else their mean.
+    Inputs `series`, each `(T,)`, are interpolated between samples (`first_order`) or held. For each
+    step, an interpolated input has its value at the beginning and a slope, a held input its mean.
     """
 
     def __init__(
@@ -184,7 +181,7 @@ class UniformGrid:
         *,
         every_node: bool = False,
     ) -> None:
-        """Build the nodes; `every_node` puts a sample at each one, whatever the times of `t`."""
+        """Build the nodes; `every_node` puts a sample at each node, whatever the times `t`."""
         self._t, self._first_order = t, first_order
         self._series = [np.asarray(u, dtype=float) for u in series.values()]
         g = build_grid(t)
@@ -211,11 +208,11 @@ class UniformGrid:
 
     @cached_property
     def usual(self) -> Whole:
-        """Return 1 for each sample with several steps, one median interval, to the next: `(T,)`."""
+        """Return 1 for each sample that is `pieces` > 1 steps before the next one, else 0: `(T,)`."""
         return np.asarray((self.counts == self._substeps) & (self.counts > 1)).astype(np.int64)
 
     def between(self, t: Array) -> tuple[Whole, Array]:
-        """Return the node before each time, and how far it is from there in steps."""
+        """Return the node before each time, and the fraction of a step from this node to the time."""
         places = (t - self._t[0]) / self.span
         near = np.round(places)
         places = np.where(np.abs(places - near) < 1e-6, near, places)
@@ -223,7 +220,7 @@ class UniformGrid:
         return last, places - last
 
     def steps_after(self, shift: Array) -> int:
-        """Return the number of steps after the last sample that shifts `(W, K)` need."""
+        """Return the number of steps after the last sample that channels with a `shift (W, K)` need."""
         ahead = -np.nanmin(shift, initial=0.0)
         return int(np.ceil(ahead / self.span)) + 1 if np.isfinite(ahead) else 1
 
@@ -234,9 +231,9 @@ class UniformGrid:
         return int(np.ceil(np.nanmax(np.abs(lag), initial=0.0) / self.span)) + 2
 
     def delays(self, lags: Sequence[Array]) -> tuple[Array, ...]:
-        """Return whole steps into the rows of `inputs`, and remaining shares of a step.
+        """Return lags in whole steps, the remaining fractions of a step, and derivatives in steps.
 
-        They belong to lags, and to slopes of lags.
+        `lags` has the lags and, if there are any, their derivatives.
         """
         ratio = lags[0] / self.span
         whole = np.floor(ratio + NODE_TOLERANCE)
@@ -244,11 +241,11 @@ class UniformGrid:
         return (np.nan_to_num(whole), *shares)
 
     def inputs(self, margin: int, after: int) -> Array:
-        """Return inputs over each step `(N + 1 + after, S)`, with slopes `2 S`.
+        """Return inputs over each step, `(N + 1 + after, S)` or, with slopes, `(N + 1 + after, 2 S)`.
 
-        There are `margin` more rows before and after. Outside the record inputs are constant.
+        In memory, `margin` further rows precede and follow. Outside the record, inputs are constant.
         """
-        # Round the sizes up to few different ones, so that results can be kept.
+        # Round the sizes up to powers of two, so that only a few results have to be kept.
         margin, after = (1 << n.bit_length() if n else 0 for n in (margin, after))
         if (margin, after) not in self._kept:
             at = np.arange(1 - margin, len(self._rows) - 1 + after + margin)
@@ -262,7 +259,7 @@ class UniformGrid:
 
     @cached_property
     def _rows(self) -> Array:
-        """Return inputs and their slopes, before the record, over each step, and after it."""
+        """Return rows of inputs and slopes: before the record, in each step, and after the record."""
         still = [0.0] * self._slopes
         first, last = ([u[end] for u in self._series] + still for end in (0, -1))
         return np.concatenate([[first], self._over_steps(), [last]])

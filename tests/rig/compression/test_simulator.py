@@ -333,7 +333,7 @@ def test_what_cannot_be_compressed_says_why() -> None:
         compress(rubbing, np.ones((2, 10)), np.ones(5), np.ones((5, 1)))
     late = simulator(MotorShaft(), even.experiment, ObservationModel(lags={"w_1": "lag"}))
     points = np.concatenate([near(2), np.zeros((2, 1))], axis=1)
-    with pytest.raises(CompressionError, match="its channels are late, or its inputs"):
+    with pytest.raises(CompressionError, match="its channels or inputs are delayed"):
         compress(late, points, np.ones(5), np.ones((5, 1)))
     t = even.experiment.t.copy()
     t[1:-1] += 1e-3 * np.random.default_rng(16).random(len(t) - 2)
