@@ -73,8 +73,7 @@ class MarginalEstimate:
 class OverlayRow:
     """A row compares estimates (`places`) and `nominal` values of an unknown by run, None if absent.
 
-    `distance` is the difference of the means of the `pair` of runs farthest apart, divided by the rms
-    of both sds, or None.
+    `distance` is |difference| / (rms of both sds) for the `pair` of means farthest apart, or None.
     """
 
     symbol: Symbol

@@ -225,7 +225,7 @@ def analyse(
 ) -> RunAnalysis:
     """Evaluate the `RunAnalysis` of a finished run, without sampling.
 
-    If the run is `alone`, not one of several candidates, missing effects are tried before blaming.
+    If the run is `alone` and not a candidate, missing effects are tried before the table is blamed.
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior

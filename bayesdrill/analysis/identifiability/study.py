@@ -391,7 +391,7 @@ def study_point(sensitivity: SensitivityStudy, posterior: Posterior, seed: int) 
     moving = (theta for theta in drawn[likely] if not _still_channels(sensitivity, theta))
     if (theta := next(moving, None)) is None:
         return StudyPoint(theta=start, at="", still=still)
-    name = f"the likeliest of {START_DRAWS} draws from the priors with which the rig moves"
+    name = f"the most probable draw with motion, of {START_DRAWS} draws from the priors"
     return StudyPoint(theta=theta, at=name, still=still)
 
 
