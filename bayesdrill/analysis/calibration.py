@@ -129,7 +129,7 @@ def count_band(n: int, share: float, false_alarm: float) -> tuple[int, int]:
 
 
 def _pointwise(table: Array, level: float) -> tuple[Counts, Counts]:
-    """Return binomial intervals; counts are below or above with at most `level / 2` each."""
+    """Return binomial intervals; the tail on each side has a probability of at most `level / 2`."""
     low = (table <= 0.5 * level).sum(axis=0)
     high = (table < 1.0 - 0.5 * level).sum(axis=0)
     return low, np.minimum(high, len(table) - 1)
@@ -138,7 +138,7 @@ def _pointwise(table: Array, level: float) -> tuple[Counts, Counts]:
 def _stay_probability(n: int, shares: Array, low: Counts, high: Counts) -> float:
     """Return the probability that counts of `n` uniforms are from `low` to `high` at all `shares`.
 
-    Counts are a Markov chain: independently, each uniform above share k is below share k + 1.
+    Each uniform above share k is below share k + 1 independently, so that counts are a Markov chain.
     """
     log_factorial = scipy.special.gammaln(np.arange(n + 1) + 1.0)
     counts, probability, before = np.array([0]), np.array([1.0]), 0.0

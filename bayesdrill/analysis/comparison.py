@@ -178,7 +178,7 @@ class ModelDecision:
 
     `first` and `best` are indices of the reference and of the most probable model. `gain` has the log
     odds of `best` against the reference ("first"), and against the best model with the rig of the
-    reference ("model") or its noise ("noise"). Wide priors of `vague` unknowns may decide alone.
+    reference ("model") or its noise ("noise"). Wide priors of `vague` unknowns alone may be decisive.
     """
 
     word: Word

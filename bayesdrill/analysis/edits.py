@@ -100,7 +100,7 @@ def measured_motion(observation: Observation, full: Array) -> Array:
 
 
 def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> float:
-    """Return the value at which a parameter acts like all other terms, along `states (T, X)`."""
+    """Return the value at which a parameter acts as strongly as all other terms on a state."""
     without, alone = (model.linear({**p, name: value}) for value in (0.0, 1.0))
     named = dict(zip(model.states, states.T, strict=True))
     sizes = [0.0]
@@ -138,7 +138,7 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[s
 
 
 def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
-    """Return the posterior with further unknowns for lacking effects, limited as at `theta (D,)`."""
+    """Add parameters of missing effects as unknowns, with limits by the motion at `theta (D,)`."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space.full(theta[None]))
     free = []
     for name, size in sizes.items():

@@ -46,7 +46,7 @@ class FrictionMotion:
 
     @property
     def stuck_later(self) -> float:
-        """Return the share of the record in which it sticks, except before the first motion."""
+        """Return the fraction of the record's duration in which it sticks after its first motion."""
         steps = np.where(np.cumsum(~self.sticks[:-1]) > 0, np.diff(self.t), 0.0)
         return float(steps[self.sticks[:-1]].sum() / np.diff(self.t).sum())
 

@@ -35,9 +35,9 @@ TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 class ChannelMotion:
     """The missing torque explains a part of the motion of a channel, SI.
 
-    `spread` is the sd of the channel.  Root mean squares are those of its residuals `without` the
-    torque, of residuals `left` with the torque, and of the torque's effect (`moved`).  They are at the
-    mean of the draws.  `strayed` is the error of the linear prediction in sds of noise, or NaN.
+    `spread` is the sd of the channel.  At the mean of the draws, `without` is the rms of residuals
+    without the torque, `left` that with the torque, and `moved` the rms of the torque's effect.
+    `strayed` is the error of the linear prediction, in sds of noise, NaN for a linear rig.
     """
 
     channel: str

@@ -237,7 +237,7 @@ def _of_draws(poles: NDArray[np.complex128], share: float) -> dict[str, float]:
     return {} if len(poles) == 1 else {"percent": 100 * share}
 
 
-DIFFUSE_DECADES = 2.1  # a log-uniform prior, or another of equal sd, is diffuse if it is wider
+DIFFUSE_DECADES = 2.1  # a log-uniform prior, or another of equal sd, is diffuse if it spans more
 DIFFUSE_RATIO = 100.0  # a prior is diffuse if its sd / (rms of the draws) is larger
 # Posterior sd divided by prior sd, above which a wide prior hardly affects the evidence.
 MAX_REMAINING_WIDTH = 0.5

@@ -218,7 +218,7 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
 
     The rig has to be linear, with measured inputs.  A measured response is the model's response plus
     that of the residuals to the inputs, by Welch's method.  Initial states and leakage at a
-    resonance therefore bias it only if the model is wrong.  Errors are those of Bendat and Piersol
+    resonance therefore bias it only if the model is wrong.  Errors follow Bendat and Piersol
     (Random Data, 4th ed., section 9.2).
     """
     from scipy.ndimage import uniform_filter1d

@@ -211,7 +211,7 @@ def _starts(
 
 
 def _can_reach(surface: LogDensity, u: Array, records: Records, rival: float) -> bool:
-    """Return whether steps that gain as much as the first from `u (1, D)` would reach `rival`."""
+    """Return whether steps with the gain of the first from `u (1, D)` reach log evidence `rival`."""
     value = float(surface.value(u)[0])
     if not (math.isfinite(rival) and math.isfinite(value)):
         return True
@@ -286,7 +286,7 @@ def _hidden(
 
 
 def _with_hidden(row: ResidualSummary, squares: Array | None) -> ResidualSummary:
-    """Return the row with unexplained shares of all samples; `squares` has those left out, too."""
+    """Return the row with unexplained shares of all samples; `squares` include samples left out."""
     if squares is None:
         return row
     kept, hidden, total = squares.tolist()

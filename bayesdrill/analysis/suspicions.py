@@ -49,7 +49,7 @@ FEW, ALL = 3, 50  # numbers of positions of an anomaly in a report, and in the o
 
 
 def suspicions_of_problem(problem: Problem, most: int = FEW) -> Iterator[Finding]:
-    """Yield what looks wrong in columns and units, and anomalies with at most `most` positions each."""
+    """Yield findings on columns and units, and anomalies with at most `most` positions each."""
     for observation in problem.observations:
         experiment = observation.experiment
         label = {"experiment": observation.label} if observation.label else {}
@@ -130,7 +130,7 @@ def _far_from_start(problem: Problem) -> Iterator[Finding]:
 
 
 def _wrong_prefixes(problem: Problem) -> tuple[list[tuple[str, float]], Array]:
-    """Return pairs (name, factor), the parameters `(n, P)` with each change, and the start first."""
+    """Return pairs (name, factor) and the parameters `(n, P)` changed by each, with the start first."""
     space = problem.posterior.space
     start = space.vector(space.start)
     full = space.full(start[None])[0]
@@ -237,7 +237,7 @@ MAX_FOLLOWING = 20  # largest lag of such a channel behind the input, in samples
 def find_reference(
     problem: Problem, residuals: Sequence[ResidualSummary]
 ) -> tuple[str, str] | None:
-    """Return an input and an angle that follows this set point in the record but not in the model."""
+    """Return an input that is a set point, and an angle that follows it in the record, not the model."""
     shares = {(row.experiment, row.channel): row.share for row in residuals}
     goals = {motor.goal for motor in problem.model.roles.motors}
     for observation in problem.observations:

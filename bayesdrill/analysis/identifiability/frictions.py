@@ -1,7 +1,7 @@
 """Find frictions, dampings and voltage drops that a record can hardly distinguish.
 
-The information of record and priors shows which they are, and the motion at the studied point shows
-why.  Further experiments are tried by computing their information.
+The information of record and priors shows these parameters, and the motion at the studied point
+explains why.  Further experiments are tried by computing their information.
 """
 
 from __future__ import annotations

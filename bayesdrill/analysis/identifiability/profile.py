@@ -58,7 +58,7 @@ class Profile:
 
 
 class Fitter:
-    """A fitter minimises squared residuals over unknowns of rig, sensors and starts.
+    """A fitter minimises squared residuals by changing unknowns of rig, sensors and starts.
 
     Arguments `logs` are the unknowns on their natural scales; they stay inside the priors.
     """
@@ -92,7 +92,7 @@ class Fitter:
         return self._fit(logs, column)
 
     def spread(self) -> Array:
-        """Return the sds `(m,)` of the logs at the best fit, with Gaussian priors of equal ranges."""
+        """Return the sds `(m,)` of the logs at the best fit, with priors of sd = range / sqrt(12)."""
         rows = self._jacobian(self.best.logs)
         names = (*self._sensitivity.unknowns, *self._sensitivity.nuisances)
         known = information.from_sensitivities(names, rows)
@@ -172,7 +172,7 @@ class ProfileFit:
 
 
 def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
-    """Profile the likelihood over the unknown in `column`."""
+    """Profile the likelihood of the unknown in `column`."""
     best = fitter.best
     centre, sd = best.logs[column], fitter.spread()[column]
     down = _side(fitter, column, centre, sd, fitter.low[column])

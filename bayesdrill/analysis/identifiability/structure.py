@@ -157,7 +157,7 @@ def _complexity(exponents: Exponents) -> tuple[int, int, Exponents]:
 
 
 NULL_BELOW, NULL_GAP = 1e-7, 1e-4  # limits of singular value / largest, and of value / next larger
-PRIOR_POINTS = 4  # number of points, without the start, at which symmetries are found and proven
+PRIOR_POINTS = 4  # number of points at which symmetries are found and proven, plus the start
 # Points are at this fraction of the distance from the start to draws from the prior.  At the ends of
 # wide priors, rigs are so stiff that rounding hides symmetries.
 PRIOR_SHARE = 0.25

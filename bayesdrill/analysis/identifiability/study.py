@@ -362,7 +362,7 @@ def study_of(
 
 START_DRAWS, TRIED = 128, 16  # numbers of prior draws, and of the most probable that are tried
 STILL = 1e-3  # modelled / measured range of a channel, below which the model stands still
-MIN_MOTION_OVER_NOISE = 3.0  # smallest sd / noise of a moving channel; noise is that of differences
+MIN_MOTION_OVER_NOISE = 3.0  # smallest sd / noise of a moving channel; noise by neighbours
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -174,7 +174,7 @@ SHOWN_STRETCHES = 20_000  # segments of a long record; a figure has the extremes
 def _shown_samples(observation: Observation, models: Array, efforts: Sequence[Array]) -> Indices:
     """Return indices of all samples of a short record, or else of the extremes of short segments.
 
-    Extremes are those of the record, `models (T, K)`, residuals, inputs and `efforts (T,)`.
+    Extremes are taken of the record, `models (T, K)`, residuals, inputs and `efforts (T,)`.
     """
     experiment = observation.experiment
     if len(experiment.t) <= 4 * SHOWN_STRETCHES:

@@ -1,4 +1,4 @@
-"""Report friction: its laws over speed, and what it can hardly be distinguished from."""
+"""Report friction: its laws against speed, and parameters that resemble it."""
 
 from __future__ import annotations
 

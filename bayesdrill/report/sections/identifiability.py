@@ -73,7 +73,7 @@ def describe_study(study: IdentifiabilityStudy, rig: Model, reasons: Sequence[st
 
 
 def structure(study: IdentifiabilityStudy) -> str:
-    """Describe the exact symmetries, and what they leave determined."""
+    """Describe the exact symmetries, and the products that they do not change."""
     structure = study.structure
     names = structure.names
     if not structure.symmetries and not structure.unexplained:
@@ -241,7 +241,7 @@ def summarise_study(study: IdentifiabilityStudy) -> str:
 
 
 def _of_each(study: IdentifiabilityStudy) -> str:
-    """Describe what the record determines badly although there is no symmetry."""
+    """Describe the unknowns that the record determines badly although there is no symmetry."""
     named = list(zip(study.names, study.parameters, strict=True))
     loose = [f"{name} to {percent(known.bound)}" for name, known in named if known.bound > WELL]
     left = [name for name, known in named if known.word != "determined"]

@@ -92,7 +92,7 @@ VERDICT_EXPLAINED = (
 
 
 def verdict_rule(verdict: Verdict) -> str:
-    """Describe what the words of the verdict mean."""
+    """Define the terms of the verdict."""
     return (
         f"*disagrees*: more than {verdict.limit:.2f} sigma. If the table were right within its "
         f"tolerances, at most {100 * FALSE_ALARM:g} % of records would show a disagreement of any "
@@ -283,7 +283,7 @@ def verdict_sentences(
     rests: Sequence[DependsOnFixed] = (),
     units: DisplayUnits = SI,
 ) -> str:
-    """Say the verdict in a sentence, then what it depends on and what stays undecided.
+    """Return the verdict in a sentence, then its conditions and the undecided quantities.
 
     `believed` is false if the run must not be believed, `records` is the number of experiments, and
     `lacking` names what the model may miss.

@@ -199,7 +199,7 @@ def overlay_corner_figure(
 ) -> Figure:
     """Draw a corner of the unknowns that two runs or more have, `rows` in SI.
 
-    A run is left out of panels of unknowns that it does not have.
+    A panel omits runs that lack one of its unknowns.
     """
     columns = [_column(row, layers, display_units) for row in rows if row.shared]
     with style.styled():

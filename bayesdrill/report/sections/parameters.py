@@ -1,4 +1,4 @@
-"""Report the unknowns: their tables, and their priors beside their posteriors."""
+"""Report the unknowns: their tables, and figures that compare priors with posteriors."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def mode_rows(problem: Problem, mode: Mode) -> tuple[ModeRow, ...]:
 
 
 def of_mode(rows: Sequence[ModeRow]) -> Table:
-    """Return a table of the MAP beside the nominal values."""
+    """Return a table of the MAP and the nominal values."""
     columns: dict[str, Callable[[ModeRow], str]] = {
         "": lambda row: row.name,
         "unit": lambda row: plain(row.unit),
@@ -172,7 +172,7 @@ DECADES = 1.5  # the bar of a wider log-uniform prior is logarithmic
 
 
 def interval_bar(row: ParameterRow, prior: Prior) -> IntervalBar:
-    """Return the bar that a page draws for an unknown beside its prior."""
+    """Return the bar that shows the interval of an unknown within its prior."""
     shown = [row.hdi_low, row.hdi_high, row.map]
     ends = [float(x) for x in prior.quantile(np.array([TAIL, 1 - TAIL]))]
     every = [*shown, *ends, *([] if row.nominal is None else [row.nominal])]
@@ -260,7 +260,7 @@ BOX = style.fix_look(
 def prior_posterior_figure(
     draws: Array, shown: DisplayedUnknowns, width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw priors and draws `(N, D)` of what is `shown`, over the range of each prior."""
+    """Draw priors and draws `(N, D)` of the unknowns `shown`, for the range of each prior."""
     symbols = shown.symbols
     width = width if len(symbols) > 1 else scales.SINGLE
     with style.styled(width):
@@ -362,7 +362,7 @@ def strongest_pair(draws: Array, structure: ScalingStructure) -> CorrelatedPair 
 
 
 def ridge_figure(draws: Array, pair: CorrelatedPair, shown: DisplayedUnknowns) -> Figure:
-    """Draw the ridge of draws `(N, D)` of what is `shown`; the exact line passes through the MAP."""
+    """Draw the ridge of draws `(N, D)` of unknowns `shown`; the exact line passes through the MAP."""
     factor, some = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
     box, line, dots, cross, marks = [], [], [], [], []
     with style.styled():

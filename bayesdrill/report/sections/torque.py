@@ -79,7 +79,7 @@ def _binned(torque: TorqueEstimate, label: Symbol, values: Array) -> Against:
 
 
 HARMLESS = 0.5  # relative to the noise: admissible error of the linear approximation
-FULL = 0.95  # share of the samples above which the rest is not mentioned
+FULL = 0.95  # share of samples in motion, above which the other samples are not mentioned
 WIDE = 3.0  # a proposed prior reaches from size / WIDE to size * WIDE
 HEADS = ("channel", "left without it", "left with it", "moved by it")
 READ = (
@@ -147,7 +147,7 @@ def strayed(summary: TorqueSummary, rig: Model) -> str:
 
 
 def law_sentences(summary: TorqueSummary, rig: Model) -> str:
-    """Describe what the torque follows, a line each, and what that would be in the equations."""
+    """Describe the laws that the torque follows, a line each, and the equivalent parameters."""
     every, torque = summary.follows, rig.roles.motion.torque
     taken = [_line(summary, law, rig) for law in every if law.taken]
     if taken:
