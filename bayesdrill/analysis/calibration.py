@@ -2,14 +2,14 @@
 
 If the posterior is right, the rank of a true value among L draws is uniform on 0 ... L (Talts et
 al. 2018).  The band for the empirical distribution function of N ranks is that of Saeilynoja,
-Buerkner and Vehtari (2022).  It consists of pointwise binomial intervals of one level.  Their
-recursion gives the exact probability that the whole function stays inside.
+Buerkner and Vehtari (2022).  The band consists of pointwise binomial intervals of equal level.  A
+recursion gives the exact probability that the whole function stays inside the band.
 
-`refit` depends only on the study and the index, so it can run anywhere, and be repeated.
+`refit` depends only on the study and the index, so refits can run in any process.
 
 If the posterior is right, the verdict on all ranks is wrong with probability `FALSE_ALARM` at most.
-Half of it is divided equally among the rank bands of all quantities.  The other half is divided among
-the credible intervals of all unknowns and levels (a union bound, as ranks are correlated).
+Half of this probability is divided equally among the rank bands of all quantities.  The other half
+is divided among the credible intervals of all unknowns (a union bound, as ranks are correlated).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from bayesdrill.basics.findings import Finding
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.fit import FitPlan, fit
 
-NAMED_SHIFT_SDS = 3.0  # standard errors from which on a shift or a spread of the ranks is named
+NAMED_SHIFT_SDS = 3.0  # smallest shift or excess spread of the ranks, in standard errors, to name
 
 
 def rank(truth: float, draws: Array, rng: np.random.Generator) -> int:
@@ -63,14 +63,14 @@ def shape(ranks: Counts, n_draws: int, *, of_fit: bool = False) -> str | None:
     return "posterior too narrow" if spread > 0 else "posterior too wide"
 
 
-LEVEL_BISECTIONS = 40  # number of bisections by which the pointwise level is found
+LEVEL_BISECTIONS = 40  # number of bisections for the level of the pointwise intervals
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankBand:
-    """A band has limits `low` and `high (L,)` for the number of `n` uniform ranks below `shares (L,)`.
+    """A band limits how many of `n` ranks are below each fraction `shares (L,)` of their range.
 
-    Uniform ranks leave the band with the exact probability `false_alarm`.
+    Uniform ranks have all counts from `low` to `high (L,)` with probability 1 - `false_alarm`.
     """
 
     n: int
@@ -85,7 +85,7 @@ class RankBand:
         return np.cumsum(np.bincount(ranks, minlength=n_draws + 1))[:n_draws]
 
     def reach(self, ranks: Counts) -> float:
-        """Return the largest deviation from uniform, in half-widths; above 1 it is outside."""
+        """Return the largest deviation from uniform ranks, divided by the half-width of the band."""
         expected = self.n * self.shares
         deviation = self.counts(ranks) - expected
         width = np.where(deviation > 0, self.high, self.low) - expected
@@ -95,13 +95,13 @@ class RankBand:
         return float(np.max(deviation / width, where=~open_ended, initial=0.0))
 
     def holds(self, ranks: Counts) -> bool:
-        """Return whether all `ranks (n,)` stay inside."""
+        """Return whether the counts of `ranks (n,)` stay inside the band."""
         return self.reach(ranks) <= 1.0
 
 
 @functools.cache
 def ecdf_band(n: int, n_draws: int, false_alarm: float) -> RankBand:
-    """Return the narrowest band that `n` uniform ranks leave with at most `false_alarm`."""
+    """Return the narrowest band that `n` uniform ranks leave with probability <= `false_alarm`."""
     shares = np.arange(1, n_draws + 1) / (n_draws + 1)
     table = scipy.special.bdtr(np.arange(n + 1)[:, None], n, shares)  # (n + 1, L): P(count <= row)
     inside, outside = 0.0, 1.0  # levels of bands that are wide enough, and too narrow
@@ -119,9 +119,9 @@ def ecdf_band(n: int, n_draws: int, false_alarm: float) -> RankBand:
 
 @functools.cache
 def count_band(n: int, share: float, false_alarm: float) -> tuple[int, int]:
-    """Return the least and greatest count of `n` independent events of probability `share`.
+    """Return limits for the count of `n` independent events of probability `share`.
 
-    Counts are outside with the probability `false_alarm` at most.
+    Counts are outside these limits with a probability of at most `false_alarm`.
     """
     table = scipy.special.bdtr(np.arange(n + 1)[:, None], n, np.array([share]))
     low, high = _pointwise(table, false_alarm)
@@ -129,16 +129,16 @@ def count_band(n: int, share: float, false_alarm: float) -> tuple[int, int]:
 
 
 def _pointwise(table: Array, level: float) -> tuple[Counts, Counts]:
-    """Return binomial intervals with a probability of at most `level / 2` on either side."""
+    """Return binomial intervals; the tail on each side has a probability of at most `level / 2`."""
     low = (table <= 0.5 * level).sum(axis=0)
     high = (table < 1.0 - 0.5 * level).sum(axis=0)
     return low, np.minimum(high, len(table) - 1)
 
 
 def _stay_probability(n: int, shares: Array, low: Counts, high: Counts) -> float:
-    """Return the probability that counts of `n` uniforms are from `low` to `high` at all shares.
+    """Return the probability that counts of `n` uniforms are from `low` to `high` at all `shares`.
 
-    Counts are a Markov chain: each uniform above one share is below the next independently.
+    Each uniform above share k is below share k + 1 independently, so that counts are a Markov chain.
     """
     log_factorial = scipy.special.gammaln(np.arange(n + 1) + 1.0)
     counts, probability, before = np.array([0]), np.array([1.0]), 0.0
@@ -162,13 +162,13 @@ def _stay_probability(n: int, shares: Array, low: Counts, high: Counts) -> float
     return float(probability.sum())
 
 
-LOG_LIKELIHOOD = "log likelihood"  # the quantity that depends on the record (Modrak et al. 2023)
-MAX_PRIOR_TRIES = 1000  # number of draws from the prior to find a finite response
+LOG_LIKELIHOOD = "log likelihood"  # is ranked, as it depends on the record (Modrak et al. 2023)
+MAX_PRIOR_TRIES = 1000  # largest number of draws from the prior until a response is finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationStudy:
-    """A study repeats the fit of a `posterior` by a `plan`, and ranks the truth among `draws`."""
+    """A study fits the `posterior` of each record by a `plan`; `draws` is the number L of draws."""
 
     posterior: Posterior
     plan: FitPlan
@@ -182,7 +182,7 @@ class CalibrationStudy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refit:
-    """A refit has `truth` and `ranks` in the order of the study's names; no ranks without draws."""
+    """A refit has `truth` and `ranks` by the study's names; without draws, `ranks` is empty."""
 
     index: int
     truth: tuple[float, ...]
@@ -191,7 +191,7 @@ class Refit:
     ess: float
     steps: int
     reasons: tuple[Finding, ...]
-    seconds: float = field(compare=False)  # the time that it took is not part of the result
+    seconds: float = field(compare=False)  # duration, which differs between repetitions
 
     @property
     def converged(self) -> bool:
@@ -250,7 +250,7 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
 
 FALSE_ALARM = 0.01  # probability that the verdict finds any fault of a right posterior
 LEVELS = (0.5, 0.8, 0.94)  # probabilities of the credible intervals
-MAX_NOT_CONVERGED = 0.05  # share of refits that may miss their targets
+MAX_NOT_CONVERGED = 0.05  # largest share of refits that may miss their convergence targets
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -270,7 +270,7 @@ class IntervalCoverage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankedQuantity:
-    """A ranked quantity is an unknown, or the log likelihood; `shape` says what is wrong, if known."""
+    """A ranked quantity is an unknown or the log likelihood; `shape` names its fault, if known."""
 
     name: str
     ranks: Counts
@@ -282,7 +282,7 @@ class RankedQuantity:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationVerdict:
-    """The verdict lists refits that have `not_converged`, and those without ranks, which are `lost`."""
+    """The verdict has indices of refits that have `not_converged`, or have no ranks (`lost`)."""
 
     n_draws: int
     band: RankBand
@@ -314,7 +314,7 @@ class CalibrationVerdict:
 
     @cached_property
     def doubts(self) -> tuple[Finding, ...]:
-        """Return why there is no verdict, however good the ranks look."""
+        """Return reasons to withhold the verdict even if all ranks look uniform."""
         doubts = []
         if len(self.not_converged) > MAX_NOT_CONVERGED * self.refits:
             numbers = {"count": len(self.not_converged), "refits": self.refits}
@@ -356,7 +356,7 @@ def judge_calibration(
 
 
 def _intervals(ranks: Counts, n_draws: int, n_unknown: int) -> tuple[IntervalCoverage, ...]:
-    """Return the coverage of intervals between sorted draws, whose probability is exact."""
+    """Return the coverage of intervals that end at sorted draws, so that they have exact levels."""
     intervals = []
     for level in LEVELS:
         out = math.floor(0.5 * (1.0 - level) * (n_draws + 1) + 0.5)

@@ -1,8 +1,8 @@
 """Rank candidate models of a bad fit by their evidence, and test the nominal table against them.
 
-An effect that a rig lacks biases the parameters that it has, even if the residuals look like noise.
-Before the nominal table is blamed, each effect that the rig offers is therefore tried by itself:
-parameters are held at their nominal values, within tolerances, and the others are fitted again.
+An effect that is missing from the rig biases the rig's parameters, even if residuals look like noise.
+Before the nominal table is blamed, each effect that the rig offers is therefore added alone:
+parameters are held at their nominal values, within tolerances, and all others are fitted again.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
-SURE_LOG_ODDS = 5.0  # natural logarithm of the odds from which on a candidate explains something
-# These parts absorb any misfit without a cause: noises, and torques with the place where they act.
+SURE_LOG_ODDS = 5.0  # natural log of the odds; above it, there is evidence for a candidate
+# Two kinds of parts absorb any misfit without naming a cause: noise models, and missing torques.
 NOISE = ("unknown_noise", "ar1")
 TORQUE = "missing_torque_"
 SCALE = "scale_"  # prefix of parts that multiply a value, or correct a unit
-# A cause is preferred to an absorbing part if it gains this share of its log evidence.
+# A cause is preferred if its log evidence is at least this fraction of that of an absorbing part.
 MIN_SHARE_OF_CATCH_ALL = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class FittedValue:
-    """A refit found this value of an unknown, in `unit`; a `Cause` has those of new unknowns."""
+    """A refit found this value of an unknown and its `sd`, both in `unit`."""
 
     name: str
     value: float
@@ -48,7 +48,7 @@ class Doubt:
 
     Its kind is "end" if an unknown is at an end of its prior, "maxima" if another maximum is about as
     high, and "alike" if unknowns are interchangeable.  It is "hidden" if the candidate leaves out a
-    `share` of the samples and does not explain the others.  `said_of` names unknowns or changes.
+    `share` of the samples and does not explain the rest.  `said_of` names the unknowns or changes.
     """
 
     kind: Literal["end", "maxima", "alike", "hidden"]
@@ -61,9 +61,9 @@ class Cause:
     """A candidate model adds `parts` to the config as given.
 
     `words` describe the parts, `lines` are their lines of a config, and `lacks` are parameters that
-    the rig lacks.  `gain` and `bayes` are the increase of log posterior and log evidence (Laplace)
-    over the config as given.  `new` are its further unknowns, and `fit` its residuals.  A refit that is
-    not `finished` was stopped, as it could not become as probable as the best.
+    the rig lacks.  `gain` and `bayes` are the log posterior and the log evidence (Laplace) minus those
+    of the config as given.  `new` are further unknowns, and `fit` summarises the residuals.  A refit
+    that is not `finished` was stopped early, as it could not become as probable as the best refit.
     """
 
     parts: tuple[str, ...]
@@ -89,12 +89,12 @@ class Cause:
 
     @property
     def explains_all(self) -> bool:
-        """Return whether only noise is left."""
+        """Return whether the residuals look like noise."""
         return like_noise(self.fit)
 
     @property
     def off_by_a_factor(self) -> bool:
-        """Return whether a value or unit is multiplied by the factor of a wrong unit."""
+        """Return whether a part multiplies a value or corrects a unit."""
         return any(part.startswith(SCALE) for part in self.parts)
 
     @property
@@ -107,10 +107,10 @@ class Cause:
 class Causes:
     """Refitted candidates are `ranked`: the recommended one first, then the most probable.
 
-    `given` are the residuals of the config as given.  `left_out` says why other candidates could not
-    be tried.  If no candidate explains all, `windows` has unknowns refitted to windows of the record.
-    `reference` is an input with the channel that follows it as a set point.  Combinations that are
-    `untried`, in words, would have taken too many evaluations.
+    `given` are the residuals of the config as given.  `left_out` maps candidates that could not be
+    tried to reasons.  If no candidate explains all, `windows` has unknowns refitted to windows of the
+    record.  `reference` is a pair: an input, and the channel that follows this input as a set point.
+    `untried` describes combinations that would have taken too many evaluations.
     """
 
     given: tuple[ResidualSummary, ...]
@@ -132,11 +132,11 @@ class Causes:
 
 
 def recommended(causes: Sequence[Cause]) -> Cause | None:
-    """Return the simplest candidate that is about as probable as the best of them.
+    """Return the simplest candidate whose evidence is close to that of the best candidate.
 
-    Only finished candidates with evidence and without doubts count.  An absorbing part is replaced by
-    a cause that gains a good share of its evidence alone.  Otherwise a cause beside the absorbing part
-    is preferred to this part alone, if both together gain more.
+    Only finished candidates with evidence and without doubts count.  A cause replaces an absorbing
+    part if it has at least `MIN_SHARE_OF_CATCH_ALL` of that part's log evidence.  Otherwise a cause
+    combined with the absorbing part is preferred to this part alone, if the combination gains more.
     """
     good = [c for c in causes if c.bayes > SURE_LOG_ODDS and c.finished and not c.doubts]
     trusted = sorted(good, key=lambda cause: -round(cause.bayes, 3))
@@ -156,8 +156,8 @@ def recommended(causes: Sequence[Cause]) -> Cause | None:
     return min(similar, key=lambda cause: len(cause.parts))
 
 
-TABLE_FIT_STEPS = 40  # largest number of Gauss-Newton steps
-START_SHARES = (0.02, 0.2)  # a search begins at these shares of a parameter's largest value
+TABLE_FIT_STEPS = 40  # largest number of Gauss-Newton steps of a fit
+START_SHARES = (0.02, 0.2)  # start values of a search, as fractions of a parameter's largest value
 REJECTED_SHARE = 0.01  # probability of rejecting the table although the rig agrees with it
 
 
@@ -165,8 +165,8 @@ REJECTED_SHARE = 0.01  # probability of rejecting the table although the rig agr
 class EquivalentExplanation:
     """A `parameter` that the rig lacks explains the record as well as deviations from the table.
 
-    With this `value` [SI] all nominal values hold.  `lost` is the log likelihood of the MAP, without
-    the parameter, minus that with it; it is negative if the parameter fits better.
+    With this `value` [SI] all nominal values hold.  `lost` is the log likelihood of the MAP without
+    the parameter, minus that of the table with the parameter; it is negative if the latter fits better.
     """
 
     parameter: str
@@ -174,7 +174,7 @@ class EquivalentExplanation:
     lost: float
 
 
-# A function such as `map`, which calls another function with each item.
+# Type of functions like `map`, which call a function with each item.
 MapEach = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 
@@ -183,13 +183,13 @@ def equivalent_explanation(
 ) -> EquivalentExplanation | None:
     """Find a parameter with which the table fits the record as well as the MAP `theta (D,)`.
 
-    The result is None if there is none, or if the table fits without any further parameter.
-    `map_each` may fit with each parameter in other processes.
+    The result is None if no parameter suffices, or if the table fits without any further parameter.
+    `map_each` may run the fits in other processes, one fit for each parameter.
     """
     posterior = excerpt(problem.posterior) or problem.posterior
     wider, space = with_candidates(posterior, theta), posterior.space
     tried = [k for k, name in enumerate(wider.space.free) if name not in space.free]
-    table = {}  # ends of the tolerance, by column
+    table = {}  # lowest and highest value within the tolerance, by column
     for k, name in enumerate(space.free):
         if name in problem.nominal:
             tolerance = problem.tolerance.get(name, 0.0)
@@ -203,7 +203,7 @@ def equivalent_explanation(
     before = float(posterior.likelihood(theta[None])[0])
     bare = _fit_with_table(wider, start, table, tried, None)
     if bare is None or before - bare[1] <= limit:
-        return None  # the table fits as it is
+        return None  # the table fits without a further parameter
     each = map_each(partial(_fit_with_table, wider, start, table, tried), tried)
     fits = zip(tried, each, strict=True)
     losses = [(before - fit[1], wider.space.free[k], fit[0]) for k, fit in fits if fit is not None]

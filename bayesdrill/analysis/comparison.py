@@ -1,7 +1,7 @@
 """Compare several models or experiments: which is more probable, and whether repeats agree.
 
-Repeats are compared at the joint maximum, from which a Gauss-Newton step by one experiment alone gives
-its estimate.  The spread of these is estimated as by DerSimonian and Laird (1986).
+Repeats are compared at the joint maximum: a Gauss-Newton step from there, with the samples of one
+experiment, estimates it alone.  The spread of the estimates follows DerSimonian and Laird (1986).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from bayesdrill.sampling.evidence import Evidence
 class PosteriorSummary:
     """A summary of one run has its `name`, `draws (N, D)`, SI, and `settings` for comparison.
 
-    `mark` identifies its results, figures show `warning`, and `reasons` say why not to believe it.
+    `mark` identifies the results.  Figures show `warning`, and `reasons` are reasons to distrust them.
     """
 
     name: str
@@ -73,7 +73,7 @@ class MarginalEstimate:
 class OverlayRow:
     """A row compares estimates (`places`) and `nominal` values of an unknown by run, None if absent.
 
-    `distance` is that of the `pair` of means farthest apart, over the rms of both sds, or None.
+    `distance` is |difference| / (rms of both sds) for the `pair` of means farthest apart, or None.
     """
 
     symbol: Symbol
@@ -84,13 +84,13 @@ class OverlayRow:
 
     @property
     def agreed(self) -> float | None:
-        """Return the nominal value if it is the same in all runs that have one, and else None."""
+        """Return the nominal value if it is the same in all runs that have one, otherwise None."""
         known = {value for value in self.nominal if value is not None}
         return known.pop() if len(known) == 1 else None
 
     @property
     def shared(self) -> bool:
-        """Return whether at least two runs have it as an unknown."""
+        """Return whether the symbol is an unknown of at least two runs."""
         return self.pair is not None
 
 
@@ -130,9 +130,9 @@ def differing(layers: Sequence[PosteriorSummary]) -> dict[str, tuple[str | None,
     return {name: values for name, values in settings.items() if len(set(values)) > 1}
 
 
-SURE_LOG_ODDS = 3.0  # natural logarithm of odds of twenty to one
-MAX_LOG_ODDS_OF_PRIORS = 10.0  # log odds that a model may lose by priors that are too wide
-MAX_CHANCE_SE = 3.0  # standard errors by which equal evidences may differ
+SURE_LOG_ODDS = 3.0  # log odds above which a model is preferred, about ln 20
+MAX_LOG_ODDS_OF_PRIORS = 10.0  # upper limit of the log odds that too wide priors alone can cost
+MAX_CHANCE_SE = 3.0  # largest difference of equal evidences by chance, in standard errors
 
 Word = Literal["model", "noise", "both", "either", "priors", "neither"]
 
@@ -142,7 +142,7 @@ class RunSummary:
     """A run is compared with others by its evidence and scores.
 
     Runs have the same rig if their settings `rig` are equal, and likewise for `noise`.  The priors of
-    the unknowns are in `beliefs`, by name.  `loo` is a score, or why there is none.
+    the unknowns are in `beliefs`, by name.  `loo` is a score, or the reason why there is none.
     """
 
     layer: PosteriorSummary
@@ -168,7 +168,7 @@ class RunSummary:
 
     @property
     def like_noise(self) -> bool:
-        """Return whether its residuals look like noise."""
+        """Return whether the residuals look like noise."""
         return like_noise(self.residuals)
 
 
@@ -177,8 +177,8 @@ class ModelDecision:
     """A decision says which of several models is the most probable, and by how much.
 
     `first` and `best` are indices of the reference and of the most probable model. `gain` has the log
-    odds of `best` against the reference ("first"), and against the best model with its rig ("model") or
-    noise ("noise"). Wide priors of `vague` unknowns alone may decide against a model.
+    odds of `best` against the reference ("first"), and against the best model with the rig of the
+    reference ("model") or its noise ("noise"). Wide priors of `vague` unknowns alone may be decisive.
     """
 
     word: Word
@@ -205,7 +205,7 @@ def decide(models: Sequence[RunSummary]) -> ModelDecision:
     }
     error = MAX_CHANCE_SE * math.hypot(top.evidence.error, first.evidence.error)
     word = _word(top, first, gain) if gain["first"] > SURE_LOG_ODDS + error else "neither"
-    # Models slightly worse than the best may have lost by wide priors that the best does not have.
+    # Models slightly worse than the best may have lost only by wide priors that the best lacks.
     close = [model for model in models if 0.0 < top.log_z - model.log_z < MAX_LOG_ODDS_OF_PRIORS]
     vague = {
         prior.name: None
@@ -247,7 +247,7 @@ class RepeatedProduct:
     """A product of powers is estimated by each of several experiments, named by `labels`.
 
     `apart` are deviations of its log from the mean, with standard deviations `sds`.  `p` is the
-    probability of their spread by chance, and `spread` the sd of the log in excess of `sds`.
+    p-value of their chi squared.  `spread` is the sd between experiments that `sds` do not explain.
     """
 
     exponents: Exponents
@@ -302,7 +302,7 @@ def _compared(
 
 
 def _product_estimate(root: Array, lead: Array, powers: Array) -> tuple[float, float]:
-    """Return the log of a product by one experiment, and its sd, infinite if not determined."""
+    """Return one experiment's estimate of the log of a product, and its sd, infinite if unknown."""
     u, values, rows = np.linalg.svd(root)
     determined = values > RANK_TOLERANCE * values[0]
     along = rows @ powers

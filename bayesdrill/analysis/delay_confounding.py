@@ -13,8 +13,8 @@ from bayesdrill.inference.laplace import information_root
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 
-MIN_CORRELATION = 0.9  # correlation of a delay and a time constant, above which both are named
-STEP = 1e-6  # step of an unknown on its natural scale, for the slopes of time constants
+MIN_CORRELATION = 0.9  # correlation of a delay and a time constant, above which the pair is named
+STEP = 1e-6  # step of an unknown on its natural scale, for derivatives of time constants
 
 
 def delays_and_time_constants(posterior: Posterior, theta: Array) -> Iterator[Finding]:
@@ -47,7 +47,7 @@ def delays_and_time_constants(posterior: Posterior, theta: Array) -> Iterator[Fi
 
 
 def _delays(observation: Observation) -> Iterator[str]:
-    """Yield the names, among all unknowns, of the delays of an experiment."""
+    """Yield the names that the delays of an experiment have among the unknowns."""
     sensing = observation.response.sensing
     called = observation.named(observation.response.parameters)
     every = (sensing.delay, *sensing.input_lags.values(), *sensing.lags.values())
@@ -57,7 +57,7 @@ def _delays(observation: Observation) -> Iterator[str]:
 def _time_constants(
     observation: Observation, posterior: Posterior, theta: Array, moves: Array
 ) -> list[tuple[float, Array]]:
-    """Return time constants [s], and the slopes `(D,)` of their logs along the rows of `moves`."""
+    """Return time constants [s] and derivatives `(D,)` of their logs, by the steps `moves (D, D)`."""
     full = posterior.space.full(np.vstack([theta, theta + moves]))
     every = poles(observation.response.model, observation.rig_parameters(full))
     constants = []

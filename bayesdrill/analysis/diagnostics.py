@@ -1,8 +1,8 @@
 """Diagnose the draws of each unknown, its dependence on priors, and the ensembles' agreement.
 
-If all ensembles draw from one distribution, the ranks of each are uniform, as ArviZ plots them
-(Vehtari et al. 2021; Saeilynoja, Buerkner and Vehtari 2022).  Limits of chance are simulated by
-random tables with the same totals of ensembles and bins.
+If all ensembles draw from one distribution, the ranks of each ensemble's draws among all draws are
+uniform (Vehtari et al. 2021; Saeilynoja, Buerkner and Vehtari 2022; ArviZ plots them).  The limits of
+chance come from random tables of ensembles by bins with the same row and column totals.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from bayesdrill.sampling.mode_search import Mode
 
 Word = Literal["determined", "weak", "through others", "prior only"]
 
-# An unknown with less shrinkage, and a smaller distance to its prior, is not determined at all.
+# An unknown is "prior only" if its shrinkage and its Kolmogorov distance to the prior are smaller.
 PRIOR_ONLY_SHRINKAGE = 0.1
 PRIOR_ONLY_DISTANCE = 0.1
 DETERMINED_SHRINKAGE = 0.5  # an unknown with more shrinkage is determined
@@ -36,8 +36,8 @@ DETERMINED_SHRINKAGE = 0.5  # an unknown with more shrinkage is determined
 class ParameterRow:
     """A row of the summary table describes one unknown, SI.
 
-    `deviation` is that of the mean from the nominal value, relative; both are None for noise levels.
-    `shrinkage` is 1 - sd / sd of the prior.  Draws may accumulate at a prior's end `pressed_against`.
+    `deviation` is mean / nominal - 1, or None without a nominal value.  `shrinkage` is 1 - sd / (sd of
+    the prior).  `pressed_against` is the end of the prior at which draws accumulate, or None.
     """
 
     name: str
@@ -99,18 +99,18 @@ def _word(shrinkage: float, distance: float) -> Word:
     return "determined" if shrinkage > DETERMINED_SHRINKAGE else "weak"
 
 
-END_MASS = 0.05  # mass of the prior next to its end in which half of the draws accumulate
-MIN_SHARE_NEAR_END = 0.25  # share nearer to the end than half the median, at constant density
-NEAR_END_MASS = 0.05  # a nominal value with less mass of the prior beyond it is near the end
-THREE_SIGMA_TAIL, TWO_SIGMA_TAIL = 1e-3, 2.28e-2  # masses beyond three and two sigma of a normal
+END_MASS = 0.05  # prior mass next to an end; draws accumulate if half of them are inside
+MIN_SHARE_NEAR_END = 0.25  # share of draws before half-way from end to median, for a flat density
+NEAR_END_MASS = 0.05  # a nominal value with less prior mass between it and an end is near this end
+THREE_SIGMA_TAIL, TWO_SIGMA_TAIL = 1e-3, 2.28e-2  # normal tail masses beyond three and two sigma
 
 
 def pressed_against(x: Array, prior: Prior) -> float | None:
     """Return the end of `prior` at which draws `(N,)` accumulate, or None.
 
-    Half of them lie in the last `END_MASS` of the prior's mass, and their density rises towards the
-    end, both along x and relative to the prior.  Corners of a box of priors have less effect: if nine
-    parameters share a scale, a marginal rises as its eighth power, and 37 % are in this part.
+    Half of the draws lie in the last `END_MASS` of the prior's mass, and their density rises towards
+    the end, both along x and relative to the prior.  Corners of a box of priors have less effect: if
+    nine parameters share a scale, the density rises as x^8, and only 37 % are in the last 5 %.
     """
     if prior.vanishes_at_ends:
         return None
@@ -120,7 +120,7 @@ def pressed_against(x: Array, prior: Prior) -> float | None:
             continue
 
         def at(mass: float, sign: float = sign) -> float:
-            """Return the point that has this mass of the prior between itself and the end."""
+            """Return the point with this prior mass between it and the end."""
             return float(prior.quantile(np.array(mass if sign > 0 else 1.0 - mass)))
 
         if sign * (middle - at(END_MASS)) > 0:
@@ -132,7 +132,7 @@ def pressed_against(x: Array, prior: Prior) -> float | None:
 
 
 def _mass_between(at: Callable[[float], float], x: float, sign: float) -> float:
-    """Return the mass of the prior between its end and `x`, by bisection of its logarithm."""
+    """Return the prior mass between the end and `x`, by bisection in the log of the mass."""
     low, high = -40.0, 0.0
     for _ in range(60):
         mid = 0.5 * (low + high)
@@ -143,7 +143,7 @@ def _mass_between(at: Callable[[float], float], x: float, sign: float) -> float:
 def end_at_nominal(x: Array, prior: Prior, nominal: float) -> float | None:
     """Return the end of `prior` that keeps draws `(N,)` from passing the nominal value, or None.
 
-    The nominal value is at this end or beyond, or so near that the end cuts off a tail of the draws.
+    The nominal value is at or beyond this end, or so near that the end cuts off a tail of the draws.
     """
     for end, sign in ((prior.low, 1.0), (prior.high, -1.0)):
         if not 0 < end < math.inf:
@@ -159,15 +159,15 @@ def end_at_nominal(x: Array, prior: Prior, nominal: float) -> float | None:
     return None
 
 
-MIN_EXPLAINED = 0.8  # share of the variance of ranks that other unknowns have to explain
-MIN_SLOPE = 0.3  # standardised slope from which on another unknown is named
+MIN_EXPLAINED = 0.8  # smallest share of an unknown's rank variance that others have to explain
+MIN_SLOPE = 0.3  # standardised regression coefficient above which another unknown is named
 MAX_DRAWS = 4000  # draws are thinned to about this number
 
 
 def prior_dependence(rows: Sequence[ParameterRow], draws: Array) -> Mapping[str, tuple[str, ...]]:
-    """Return unknowns that only the priors of others determine, with these others.
+    """Map each unknown that is determined only through priors of other unknowns to these others.
 
-    `draws (N, D)` are in the order of `rows`. Ranks are regressed, so that ridges may be curved.
+    `draws (N, D)` are in the order of `rows`. Ranks are regressed, not values, as ridges may be curved.
     """
     alone = [d for d, row in enumerate(rows) if row.word == "prior only"]
     if not alone:
@@ -188,16 +188,16 @@ def prior_dependence(rows: Sequence[ParameterRow], draws: Array) -> Mapping[str,
 
 
 RANK_BINS = 50
-RANDOM_TABLES, TABLES_PER_BLOCK = 20_000, 2_000  # number of tables, and of those in memory
+RANDOM_TABLES, TABLES_PER_BLOCK = 20_000, 2_000  # simulated tables, and tables in memory at a time
 FALSE_ALARM = 0.01  # probability that a sound run leaves the band anywhere
-TAUS_BETWEEN_DRAWS = 2  # autocorrelation times between draws that count as independent
+TAUS_BETWEEN_DRAWS = 2  # autocorrelation times between two draws that count as independent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankHistogram:
-    """A histogram has the `counts (E, BINS)` of ranks of each ensemble's draws among all draws.
+    """A histogram has `counts (E, B)` of the ranks of each ensemble's draws among all draws.
 
-    Cumulative counts differ by chance from their expectation by at most `half_width (BINS - 1,)`.
+    Chance explains deviations of cumulative counts from expectation up to `half_width (B - 1,)`.
     """
 
     counts: Counts
@@ -243,7 +243,7 @@ def rank_histograms(draws: Array, rng: np.random.Generator) -> tuple[RankHistogr
 
 
 def _chance_widths(n_ensembles: int, n: int, false_alarm: float, rng: np.random.Generator) -> Array:
-    """Return half-widths of a band that any ensemble leaves with probability `false_alarm`."""
+    """Return half-widths of a band; some ensemble leaves it with probability `false_alarm`."""
     from scipy.stats import random_table
 
     total = n_ensembles * n
@@ -263,7 +263,7 @@ def sandwich_sds(
 ) -> dict[str, float]:
     """Return the sds of the unknowns by `laplace.sandwich`, in the units of `theta (D,)`.
 
-    The sds of `products` of powers of the first unknowns follow, named like derived quantities.
+    Entries for `products` of powers of the first unknowns follow, named like derived quantities.
     """
     covariance, names = laplace.sandwich(posterior, theta), posterior.space.free
     natural = posterior.coordinates.natural(theta[None])[0]

@@ -1,4 +1,4 @@
-"""Change a posterior: add physics that the rig offers and lacks, or another gear."""
+"""Change a posterior: add effects that the rig model offers but lacks, or change the gear ratio."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ZERO = np.zeros(1)
 
 @dataclass(frozen=True, slots=True)
 class Lack:
-    """A lack is an effect that a rig may lack; `dry` friction changes its sign with the speed."""
+    """A lack is an effect that may be missing; `dry` friction changes its sign with the speed."""
 
     name: str
     parameter: str
@@ -35,7 +35,7 @@ class Lack:
 
 
 def lacks(roles: Roles) -> tuple[Lack, ...]:
-    """Return effects that a rig may lack; inertias that turn as one have one dry friction."""
+    """Return effects that may be missing; inertias with one speed state share one dry friction."""
     inertias, several = roles.inertias, len(roles.motors) > 1
     rubs = {i.speed: i for i in reversed(inertias) if i.sliding}.values()
     drop = "voltage_drop", "a voltage drop of driver and brushes"
@@ -53,15 +53,15 @@ def lacks(roles: Roles) -> tuple[Lack, ...]:
 def rig_candidates(
     observations: Sequence[Observation], full: Array, *, measured: bool = False
 ) -> dict[str, float]:
-    """Return parameters that the rig offers and lacks, with their largest values, at `full (1, P)`.
+    """Return parameters that the rig offers but lacks, with upper limits, at `full (1, P)`.
 
-    The rig moves as simulated, or as `measured` where channels show its states.
+    The limits follow from simulated states, or if `measured` from states that channels show.
     """
     model = observations[0].response.model
     has, taken = {*model.parameters}, set[str]()
     for i, other in itertools.permutations(model.roles.inertias, 2):
         if i.speed == other.speed:
-            # Inertias that turn as one have one friction and one damping.
+            # Inertias with one speed state share one friction and one damping.
             taken |= {other.sliding} if {i.sliding, i.efficiency} & has else set()
             taken |= {other.damping} if i.damping in has else set()
     offered = {name for name, needs in model.offers.items() if {*needs} <= has} - has - taken
@@ -88,7 +88,7 @@ def state_motion(observation: Observation, full: Array) -> Array:
 
 
 def measured_motion(observation: Observation, full: Array) -> Array:
-    """Return all states `(T, X)` as channels show them if these show all angles, else as simulated."""
+    """Return states `(T, X)` from channels if these show all angles; missing values are simulated."""
     experiment, model = observation.experiment, observation.response.model
     simulated = state_motion(observation, full)
     shown = dict(zip(experiment.names, experiment.y.T, strict=True))
@@ -100,7 +100,7 @@ def measured_motion(observation: Observation, full: Array) -> Array:
 
 
 def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> float:
-    """Return the value at which a parameter would act as strongly as all else in `states (T, X)`."""
+    """Return the value at which a parameter acts as strongly as all other terms on a state."""
     without, alone = (model.linear({**p, name: value}) for value in (0.0, 1.0))
     named = dict(zip(model.states, states.T, strict=True))
     sizes = [0.0]
@@ -122,9 +122,9 @@ def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> flo
 
 
 def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[str, ...]) -> float:
-    """Return the root mean square of the sum of all magnitudes that act on the state `row`.
+    """Return the root mean square of the summed magnitudes of all terms that act on the state `row`.
 
-    Angles act through differences in springs, so they are summed before the magnitude is taken.
+    Springs act by differences of angles, so the terms of angles are summed before taking magnitudes.
     """
     terms = [(k[1], x * named[k[1]]) for k, x in linear.A.items() if k[0] == row]
     rates: dict[str, list[float]] = {}
@@ -138,7 +138,7 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[s
 
 
 def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
-    """Return the posterior with missing parameters as unknowns; searches begin at `theta (D,)`."""
+    """Add parameters of missing effects as unknowns, with limits by the motion at `theta (D,)`."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space.full(theta[None]))
     free = []
     for name, size in sizes.items():
@@ -155,8 +155,8 @@ def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
 def with_gear(posterior: Posterior, times: float) -> Posterior:
     """Return the posterior with the gear reduction factor multiplied by `times`.
 
-    A rig with another gear is equivalent to one with this gear and other parameters at the motor.
-    Its simulators therefore need not be compiled again.
+    Another gear is equivalent to this gear with other parameters at the motor, so the simulators
+    need not be compiled again.
     """
     space, model = posterior.space, posterior.likelihood.observations[0].response.model
     powers = {n: 1 for m in model.roles.motors for n in (m.torque_constant, m.back_emf)}

@@ -1,4 +1,4 @@
-"""Describe what each friction does in an experiment, and its law over the speeds of the record."""
+"""Compute the motion at each friction in an experiment, and its law for the record's speeds."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from bayesdrill.rig.models.friction import DIRECTION, Friction
 from bayesdrill.rig.simulators.contract import Simulator
 
 CURVE_POINTS = 200  # number of speeds of each sign at which a law is drawn
-# The smallest drawn speed over the largest; static friction falls steeply near zero speed.
+# Smallest drawn speed divided by the largest; it is tiny as static friction falls steeply near zero.
 SMALLEST_SPEED = 1e-4
-SPEED_MARGIN = 1.05  # the largest speed at which a law is drawn, over that of the record
+SPEED_MARGIN = 1.05  # largest speed at which a law is drawn, divided by that of the record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionMotion:
-    """One friction has a motion at the samples `t (T,)`; `gear` is its speed over that of the state.
+    """The motion at one friction is given at the samples `t (T,)`, for the MAP.
 
-    At the MAP it has `speed (T,)` and `effort (T,)`, and rests until the next sample if `sticks (T,)`.
-    `efforts (N, T)` are those of draws.
+    The state has `speed (T,)`; times `gear`, this is the speed at the friction.  The friction has
+    `effort (T,)`, and sticks until the next sample if `sticks (T,)`.  Draws have `efforts (N, T)`.
     """
 
     friction: Friction
@@ -38,7 +38,7 @@ class FrictionMotion:
 
     @property
     def intervals(self) -> tuple[tuple[float, float], ...]:
-        """Return the intervals in which it sticks, as pairs of times [s]."""
+        """Return the intervals in which the friction sticks, as pairs of times [s]."""
         edges = np.diff(np.concatenate([[0], self.sticks.astype(int), [0]]))
         first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
         ends = np.minimum(last, len(self.t) - 1)
@@ -46,7 +46,7 @@ class FrictionMotion:
 
     @property
     def stuck_later(self) -> float:
-        """Return the share of the time in which it sticks after its start from rest."""
+        """Return the fraction of the record's duration in which it sticks after its first motion."""
         steps = np.where(np.cumsum(~self.sticks[:-1]) > 0, np.diff(self.t), 0.0)
         return float(steps[self.sticks[:-1]].sum() / np.diff(self.t).sum())
 
@@ -58,7 +58,7 @@ class FrictionMotion:
 
     @property
     def slowest(self) -> float:
-        """Return the least speed after it has first reached half of its greatest."""
+        """Return the smallest speed from the first sample with half of the greatest speed on."""
         size = np.abs(self.speed) * self.gear
         first = int(np.argmax(size >= 0.5 * size.max()))
         return float(size[first:].min())
@@ -107,7 +107,7 @@ class FrictionCurve:
 
 
 def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Array) -> FrictionCurve:
-    """Compute a law at `full (W, P)` over the speeds of a record; other inputs have their rms."""
+    """Compute a law at `full (W, P)` for the speeds of a record, with the rms of its other inputs."""
     rig, friction = observation.response, rubbing.friction
     largest = SPEED_MARGIN * float(np.abs(rubbing.speed).max()) or 1.0
     one_way = largest * np.geomspace(SMALLEST_SPEED, 1.0, CURVE_POINTS)
@@ -121,7 +121,7 @@ def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Arra
 
 
 def _law_inputs(rig: Simulator, friction: Friction, arguments: Array) -> dict[str, Array]:
-    """Return root mean squares of inputs on which the law depends, and of the difference of angles."""
+    """Return the rms of each input of the law, and of the difference of its two angles, if any."""
     states, experiment, sensing = rig.model.states, rig.experiment, rig.sensing
 
     def sensor_value(names: Mapping[str, str], name: str, default: float) -> float:

@@ -4,8 +4,8 @@ Each draw of the unknowns has its own torque, drawn given all samples.  A torque
 its prior, and the smoothed difference between the record and its signals corrects it.  Draws are thus
 from the joint posterior of unknowns and torque, and their band includes both uncertainties.
 
-The torque is then regressed on candidates by least squares, while its inertia turns.  The one that
-explains most is selected first, and others as long as they explain a good part of the remainder.
+Over the samples at which its inertia turns, the torque is then regressed on candidates by least
+squares.  Candidates are selected one by one, as long as the next explains a good part of the rest.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import ROTARY, InertiaRoles
 from bayesdrill.rig.simulators import simulator
 
-STANDSTILL = 0.05  # speed over its root mean square, below which an inertia stands still
-MIN_TURNING_SHARE = 0.05  # least share of samples at which the inertia turns; else all are used
+STANDSTILL = 0.05  # speed divided by its root mean square, below which an inertia stands still
+MIN_TURNING_SHARE = 0.05  # if the inertia turns at a smaller share of samples, all samples are used
 TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 
 
@@ -35,8 +35,8 @@ TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 class ChannelMotion:
     """The missing torque explains a part of the motion of a channel, SI.
 
-    `spread` is the sd of the channel.  `without` and `left` are root mean squares of its residuals
-    without and with the torque, at the mean of the draws; `moved` is that of the torque's effect.
+    `spread` is the sd of the channel.  At the mean of the draws, `without` is the rms of residuals
+    without the torque, `left` that with the torque, and `moved` the rms of the torque's effect.
     `strayed` is the error of the linear prediction, in sds of noise, NaN for a linear rig.
     """
 
@@ -49,7 +49,7 @@ class ChannelMotion:
 
     @property
     def share(self) -> float:
-        """Return the torque's effect over the spread of the channel."""
+        """Return the torque's effect divided by the spread of the channel."""
         return self.moved / self.spread if self.spread > 0 else float("nan")
 
 
@@ -95,7 +95,7 @@ class TorqueEstimate:
 
     @property
     def turned(self) -> list[InertiaRoles]:
-        """Return one inertia for each known speed; that with the torque comes first."""
+        """Return one inertia for each known speed; the inertia with the torque comes first."""
         inertias: dict[str, InertiaRoles] = {}
         for inertia in (self.inertia, *self.rig.roles.inertias):
             if inertia.speed in self.states:
@@ -111,7 +111,7 @@ class TorqueEstimate:
 def torque_estimates(
     posterior: Posterior, draws: Array, rng: np.random.Generator
 ) -> tuple[TorqueEstimate, ...]:
-    """Estimate the torque of each experiment that misses one, by draws `(N, D)` of the unknowns."""
+    """Estimate the missing torque of each experiment that has one, by draws `(N, D)`."""
     full = posterior.space.full(draws)
     missing = [each for each in posterior.likelihood.observations if each.torque]
     return tuple(_estimate(observation, full, draws, rng) for observation in missing)
@@ -211,18 +211,18 @@ def _size(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-MIN_SHARE_OF_REST = 0.3  # share of the remaining squares that a selected candidate explains
-MIN_SHARE = 0.1  # share of all squares that it explains
-CONSTANT_RATIO = 1e-9  # a candidate that stays below this is zero
+MIN_SHARE_OF_REST = 0.3  # smallest share of remaining squares that a selected candidate explains
+MIN_SHARE = 0.1  # smallest share of all squares that a selected candidate explains
+CONSTANT_RATIO = 1e-9  # a candidate whose values stay below this limit counts as zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueRegression:
     """The torque is regressed on a function, `kind`, of a speed, an angle or an input, `of`.
 
-    It explains a `share` of the squares of the torque by itself.  If it is `taken` into the joint
-    regression, `size` is its coefficient there, with its `sd` over the draws, in N m per SI unit.
-    For an angle this is the amplitude.
+    Alone, the function explains a `share` of the squares of the torque.  If it is `taken` into the
+    joint regression, `size` is its coefficient [N m per SI unit], or the amplitude for an angle.  `sd`
+    is the sd of `size` over the draws.
     """
 
     kind: str
@@ -234,7 +234,7 @@ class TorqueRegression:
 
 
 def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
-    """Regress the torque on candidates; return the selected ones in their order, then the others."""
+    """Regress the torque on candidates; return those selected, in their order, then the others."""
     turning = estimate.turning
     regressors = [
         (kind, name, rows[turning])

@@ -23,7 +23,7 @@ APPRECIABLE = 0.05  # relative deviation from which on a finding is reported
 MOST_DRAWS = 2000  # draws are thinned to about this number
 UNSTABLE = 1e-9  # a smaller real part of a pole, relative to the largest pole, is a rounding error
 FEW = 0.01  # share of the draws or samples below which a finding is not reported
-UNHEARD_OF = 1e-6  # mass at each end of a prior in which no nominal value should lie
+UNHEARD_OF = 1e-6  # prior mass next to each end in which no nominal value should lie
 SAME_GEAR = 0.02  # relative tolerance of gear ratios, as data sheets round them
 
 # Values are from the paper's Table 1. The paper calls 188 mm the radius of rotor 1, but its inertia
@@ -51,7 +51,7 @@ def plausibility_of_priors(problem: Problem) -> Iterator[Finding]:
 
 
 def of_roles(problem: Problem) -> Iterator[Finding]:
-    """Yield states without a role, which checks of speeds and currents cannot use."""
+    """Yield a finding on states without a role, as checks of speeds and currents ignore them."""
     model = problem.model
     if others := [name for name in model.outer if name not in model.roles.states]:
         yield Finding("states without roles", {"model": model.name, "states": ", ".join(others)})
@@ -210,7 +210,7 @@ def _geometry(values: Mapping[str, float], model: Model) -> Iterator[Finding]:
 
 
 def _poles(poles: NDArray[np.complex128], problem: Problem) -> Iterator[Finding]:
-    """Yield findings on `poles (W, X)`, of nominal values if there is one row, and else of draws."""
+    """Yield findings on `poles (W, X)`: one row is of nominal values, and several are of draws."""
     step = min(observation.experiment.dt for observation in problem.observations)
     size = np.abs(poles).max(axis=1)
     largest = poles.real.max(axis=1)
@@ -237,9 +237,9 @@ def _of_draws(poles: NDArray[np.complex128], share: float) -> dict[str, float]:
     return {} if len(poles) == 1 else {"percent": 100 * share}
 
 
-DIFFUSE_DECADES = 2.1  # width of a log-uniform prior, or one of equal sd, above which it is diffuse
-DIFFUSE_RATIO = 100.0  # sd of a diffuse prior over the size of the unknown
-# Posterior sd over prior sd, above which a wide prior hardly affects the evidence.
+DIFFUSE_DECADES = 2.1  # a log-uniform prior, or another of equal sd, is diffuse if it spans more
+DIFFUSE_RATIO = 100.0  # a prior is diffuse if its sd / (rms of the draws) is larger
+# Posterior sd divided by prior sd, above which a wide prior hardly affects the evidence.
 MAX_REMAINING_WIDTH = 0.5
 
 

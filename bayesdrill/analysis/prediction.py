@@ -2,8 +2,8 @@
 
 The probability integral transform (PIT) of a sample is the predicted probability of a smaller value.
 If model and noise are right, PITs are uniform.  A sample that helps to predict itself would be
-predicted too well, so each PIT is of the posterior without that sample.  Draws are weighted by its
-inverse density, and weights truncated at their mean times the root of their number (Ionides 2008).
+predicted too well, so each PIT is of the posterior without that sample.  Draws are weighted by the
+sample's inverse density, and weights truncated at their mean times sqrt(n_draws) (Ionides 2008).
 Pareto smoothing fails for samples at which all draws agree, such as the first of a rig at rest.
 """
 
@@ -29,7 +29,7 @@ from bayesdrill.rig.models.linear import dynamics
 
 PIT_BINS = 100  # number of bins of PITs
 MAX_CHECKED = 2000  # largest number of samples of a channel that are checked
-FALSE_ALARM = 0.01  # probability that a record of the model leaves any band
+FALSE_ALARM = 0.01  # probability that a record simulated by the model leaves any band
 SAYS = {
     "posterior too low": "measured lies above",
     "posterior too high": "measured lies below",
@@ -96,10 +96,10 @@ def leave_one_out_check(likelihood: Likelihood, observation: Observation, theta:
 
 
 MAX_DRAWS = 800  # draws are thinned to this number
-MAX_SCORED = 50_000  # largest number of samples, whose densities are kept for all draws
+MAX_SCORED = 50_000  # largest number of scored samples, as the densities of all draws are in memory
 EQUAL_LOG_DENSITY = 1e-12  # log densities of a sample that differ by less count as equal
 BAD_PARETO_K = 0.7  # Pareto k above which the score of a sample depends on a few draws
-MAX_BAD_SHARE = 0.01  # share of samples that may have such a k
+MAX_BAD_SHARE = 0.01  # largest share of samples that may have such a k
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +113,7 @@ class HeldOutScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LooScore:
-    """The leave-one-out score `elpd` is the sum of `terms (n,)`; a `doubtful` share has a large k."""
+    """The leave-one-out score `elpd` is the sum of `terms (n,)`; k is large in a `doubtful` share."""
 
     elpd: float
     terms: Array
@@ -121,7 +121,7 @@ class LooScore:
 
 
 def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
-    """Score held-out stretches and experiments by draws `theta (N, D)`; return None without any."""
+    """Score held-out segments and experiments by draws `theta (N, D)`; return None without any."""
     theta, log_densities = _thinned(theta), []
     full, likelihood = posterior.space.full(theta), posterior.likelihood
     stretches = [(part, part.experiment.held_out) for part in likelihood.observations]
@@ -143,7 +143,7 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
 def leave_one_out(
     posterior: Posterior, theta: Array, residual_rows: tuple[ResidualSummary, ...]
 ) -> LooScore | Finding:
-    """Score each sample without itself, by draws `theta (N, D)`, or return why this is impossible."""
+    """Score each sample as predicted from all others, by draws `theta (N, D)`, or return why not."""
     observations = posterior.likelihood.observations
     if sum(observation.n_measured for observation in observations) > MAX_SCORED:
         return Finding("too many samples to leave out", {}, {"most": MAX_SCORED})
@@ -190,8 +190,8 @@ def _thinned(theta: Array) -> Array:
 
 SEGMENTS = 8  # number of segments of Welch's method, with an overlap of one half
 SMOOTHED_FREQUENCIES = 7  # number of frequencies over which the spectrum of noise is averaged
-MIN_SAMPLED_SHARE = 0.9  # least share of measured samples of a channel; the others count as zero
-# Sd of a response over its magnitude, above which the input does not excite the channel.
+MIN_SAMPLED_SHARE = 0.9  # smallest share of measured samples; residuals of the others count as zero
+# Sd of a response divided by its magnitude, above which the input does not excite the channel.
 MAX_RELATIVE_SD = 0.25
 
 
@@ -199,8 +199,8 @@ MAX_RELATIVE_SD = 0.25
 class FrequencyResponse:
     """A channel, SI, responds to a measured `input`, shown in `unit`, at `frequencies (F,)` [Hz].
 
-    Responses `modelled (F,)` and `measured (F,)` are complex.  `error (F,)` is the sd of the measured
-    one over its magnitude.  Measured values are NaN if the input does not excite the channel.
+    Responses `modelled (F,)` and `measured (F,)` are complex.  `error (F,)` is the relative sd of
+    `measured`.  Measured values are NaN if the input does not excite the channel.
     """
 
     channel: Channel
@@ -216,9 +216,9 @@ class FrequencyResponse:
 def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyResponse, ...]:
     """Return the frequency responses, at the MAP `theta (D,)`, of experiments with equal steps.
 
-    The rig has to be linear, with measured inputs.  A measured response is that of the model plus the
-    response of the residuals to the inputs, by Welch's method.  Initial states and leakage at a
-    resonance therefore bias it only if the model is wrong.  Errors are those of Bendat and Piersol
+    The rig has to be linear, with measured inputs.  A measured response is the model's response plus
+    that of the residuals to the inputs, by Welch's method.  Initial states and leakage at a
+    resonance therefore bias it only if the model is wrong.  Errors follow Bendat and Piersol
     (Random Data, 4th ed., section 9.2).
     """
     from scipy.ndimage import uniform_filter1d

@@ -13,17 +13,17 @@ from bayesdrill.record.regression import integral, linear_fit
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import InertiaRoles
 
-SMALLEST_RANGE = 1e-12  # range [SI] below which a column does not change: no sensor shows less
+SMALLEST_RANGE = 1e-12  # a column with a smaller range [SI] is constant, as no sensor resolves less
 MIN_SAMPLES = 20  # shorter columns are not judged
 MAX_SAMPLES = 20_000  # number of samples of a longer record that are judged
-MIN_VARIANCE_RATIO = 1.5  # residual variance of a speed without the input over that with it
-MIN_R_SQUARED = 0.5  # R^2 of a speed by its input, below which its sign is not judged
+MIN_VARIANCE_RATIO = 1.5  # residual variance of a speed without the input / that with the input
+MIN_R_SQUARED = 0.5  # R^2 of the regression of a speed, below which its sign is not judged
 TURNED_CORRELATION = -0.9  # correlation of two angles, below which one of them counts backwards
-FALLING_CORRELATION = -0.5  # correlation of speed and input below which one falls as one rises
-ONE_WAY_SHARE = 0.98  # share of samples on one side of zero in a record of one direction
-MAX_PERIOD = 20  # rows between two measured values of a slower sensor, at most
-MIN_HELD_SHARE = 0.9  # share of the runs of equal values with the typical length
-MIN_STEP_DIGITS = 3.0  # least typical step, in digits; a slow angle changes digit by digit
+FALLING_CORRELATION = -0.5  # correlation below which the speed falls while the input rises
+ONE_WAY_SHARE = 0.98  # smallest share of samples on one side of zero in a record of one direction
+MAX_PERIOD = 20  # largest number of rows between two measured values of a slower sensor
+MIN_HELD_SHARE = 0.9  # smallest share of runs of equal values that have the typical length
+MIN_STEP_DIGITS = 3.0  # smallest typical step, in last digits; a slow angle changes digit by digit
 
 
 def findings_of_record(
@@ -49,7 +49,7 @@ def findings_of_record(
 
 
 def _odd_cells(name: str, y: Array) -> Iterator[Finding]:
-    """Yield a finding if a slower sensor left zeros between its values, or repeated each of them."""
+    """Yield a finding if a slower sensor left zeros between its values, or repeated each value."""
     known = y[~np.isnan(y)][:MAX_SAMPLES]
     zero = known == 0
     for period in range(2, min(MAX_PERIOD, len(known) // MIN_SAMPLES) + 1):
@@ -113,7 +113,7 @@ def _motion(
 def _one_direction(
     names: Mapping[str, str], inertia: InertiaRoles, model: Model, unknowns: Collection[str]
 ) -> Iterator[Finding]:
-    """Yield a finding, unless friction is unknown and the offset is not, as the user chose it."""
+    """Yield a finding, except if friction is unknown and the offset is fixed, as the user chose."""
     offset = next((name for name in unknowns if name.startswith(f"offset_{names['input']}")), "")
     motor = model.roles.motor(inertia.name)
     rubbing = (inertia.sliding, inertia.friction, motor.drop if motor else "")

@@ -20,20 +20,20 @@ from bayesdrill.inference.residual_checks import ResidualSummary, residual_summa
 from bayesdrill.sampling.gauss_newton import gauss_newton, newton_gain
 
 # New unknowns start at these quantiles of their priors, and at the start of the config.  With the
-# known maximum these are eight points, which are simulated together in the time of one.
+# known maximum, these are eight points, which are simulated together in the time of one point.
 START_QUANTILES = (0.58, 0.05, 0.42, 0.2, 0.8, 0.65)
-FEW_STARTS = 3  # number of other starts, if the maximum of this change alone is known
+FEW_STARTS = 3  # number of other starts, if the maximum with this change alone is known
 ROTATION = 2  # cyclic shift of the quantiles from one unknown to the next
 FIRST_STEPS, LAST_STEPS = 4, 30  # numbers of Gauss-Newton steps from all starts, and from the best
 CLIMBED_STARTS = 8  # number of the best starts that take the last steps
-NEAR_END = 1e-3  # distance from an end of a prior, over its spread, that counts as at the end
-HOPELESS_DEPTH = 30.0  # a search stops if it would end this far below the least log density
-MERGED = 1e-3  # points that are this close, over the spreads, lead to one maximum
-# Another maximum is lower by at most this log density, and farther away than this share of the
-# spreads of the priors, and than this number of sds.
+NEAR_END = 1e-3  # distance from an end, relative to the prior's spread, that counts as at the end
+HOPELESS_DEPTH = 30.0  # a search stops if it would end this far below the required log density
+MERGED = 1e-3  # points that are this close, relative to the priors' spreads, lead to one maximum
+# A second maximum counts if it is lower by at most this log density, and if it is farther away than
+# this share of the priors' spreads and than this number of sds.
 OTHER_MAXIMUM_DEPTH, SAME_MAXIMUM, SAME_MAXIMUM_SDS = 3.0, 0.1, 5.0
 ROUNDING = 1e-14  # eigenvalues of a scaled curvature below this are rounding errors
-VAGUE = 0.5  # sd over the spread of the prior, above which the record says little
+VAGUE = 0.5  # sd divided by the spread of the prior, above which the record says little
 MAX_CORRELATION = 0.98  # unknowns with a larger correlation are interchangeable
 
 
@@ -44,8 +44,8 @@ class RefitMaximum:
     `values` and `sds` are those of the unknowns, SI, and `log_z` is the log evidence (Laplace).
     `at_ends` maps unknowns at an end of their prior to -1 (lower) or 1 (upper).  `several` is true if
     another maximum with other values of new unknowns is about as high.  `alike` are pairs of new
-    unknowns that are interchangeable.  `vague` are unknowns that the record hardly determines.  An
-    evaluation takes `seconds`; the whole refit `took` some seconds and a number of `evaluations`.
+    unknowns that are interchangeable.  `vague` are unknowns that the record hardly determines.  One
+    evaluation takes `seconds`; the refit `took` this time [s] and a number of `evaluations`.
     `hidden` is the share of samples that the candidate leaves out.  A search that is not `finished`
     was stopped below its maximum.
     """
@@ -70,7 +70,7 @@ Records = Mapping[tuple[str, str], Array]
 
 
 class CountingDensity(LogDensity):
-    """The density counts `evaluations` of responses and of derivatives, which take as long."""
+    """The density counts `evaluations` of responses and derivatives, which take equal time."""
 
     def __init__(self, posterior: Posterior, evaluations: int = 0) -> None:
         """Count from `evaluations` on."""
@@ -110,16 +110,16 @@ def refit_candidate(
 ) -> RefitMaximum | None:
     """Return the maximum of a candidate's `posterior`, or None without a finite response.
 
-    Searches start from values `known` of given unknowns, from the maximum `alone` of this change,
-    and from `starts` or else quantiles of the priors of new unknowns.  A search is not finished if it
-    promises no more than the log density `least`, or would end far below it.  Nor is one whose pace
-    is too slow to reach the log evidence `rival` (`gauss_newton`).  With a maximum `alone`, no
-    search begins if the first step from the values `known` promises to stay below `rival`.
+    Searches start from values `known` of given unknowns, from the maximum `alone` with this change,
+    and from `starts` or else quantiles of the priors of new unknowns.  A search is stopped if it
+    promises no more than the log density `least`, would end far below it, or gains too slowly to reach
+    the log evidence `rival` (`gauss_newton`).  With a maximum `alone`, no search begins if the first
+    step from the values `known` promises to stay below `rival`.
 
     The log evidence is that of a Gaussian with the curvature at the maximum (MacKay 2003, ch. 27).
     Priors count in it as Gaussians of their spread, so that an undetermined direction costs each
-    candidate the same.  Samples of the `records` that it leaves out are Gaussian with the mean and
-    variance of their channel.  At the beginning, they may have the noise of a rig that is held.
+    candidate the same.  Samples of the `records` that the candidate leaves out are Gaussian with mean
+    and variance of their channel.  At the beginning, they may be one value, of a held rig, with noise.
     """
     started = time.perf_counter()
     space, coordinates = posterior.space, posterior.coordinates
@@ -190,7 +190,7 @@ def _starts(
 ) -> Array:
     """Return physical starts `(W, D)`: from `known` and `alone`, and at quantiles of the priors.
 
-    If no unknown is new, the model differs all the same, and quantiles of all unknowns are taken.
+    If no unknown is new, quantiles of all unknowns are taken, as the model differs nevertheless.
     If the maximum `alone` is known, a few of `starts` are enough, without quantiles.
     """
     space = posterior.space
@@ -211,7 +211,7 @@ def _starts(
 
 
 def _can_reach(surface: LogDensity, u: Array, records: Records, rival: float) -> bool:
-    """Return whether steps as promising as the first from `u (1, D)` would reach a log evidence."""
+    """Return whether steps with the gain of the first from `u (1, D)` reach log evidence `rival`."""
     value = float(surface.value(u)[0])
     if not (math.isfinite(rival) and math.isfinite(value)):
         return True
@@ -221,7 +221,7 @@ def _can_reach(surface: LogDensity, u: Array, records: Records, rival: float) ->
 
 
 def _height_of(surface: LogDensity, u: Array, records: Records, log_z: float) -> float:
-    """Return the log density for a log evidence, if their difference is that at `u (1, D)`."""
+    """Convert a log evidence to a log density, by the difference between both at `u (1, D)`."""
     if not math.isfinite(log_z):
         return log_z
     posterior = surface.posterior
@@ -286,7 +286,7 @@ def _hidden(
 
 
 def _with_hidden(row: ResidualSummary, squares: Array | None) -> ResidualSummary:
-    """Return the row with unexplained shares of all samples, with the `squares` of those left out."""
+    """Return the row with unexplained shares of all samples; `squares` include samples left out."""
     if squares is None:
         return row
     kept, hidden, total = squares.tolist()

@@ -82,7 +82,7 @@ class RunDraws(Value):
 
     @cached_property
     def friction_motions(self) -> tuple[tuple[FrictionMotion, ...], ...]:
-        """Return the frictions of each experiment; empty if the rig has none."""
+        """Return the motions at the frictions of each experiment; empty if the rig has none."""
         if not self.problem.model.frictions:
             return ()
         return friction_motions(self.problem.posterior, self.best, self.thinned(BAND_DRAWS))
@@ -121,9 +121,9 @@ class RunDraws(Value):
 class TorqueSummary:
     """A summary describes the missing torque of one experiment, N m.
 
-    The expected torque is between `low` and `high` in 94 % of the samples. `width` is the mean
-    half-width of its band, `rms` its root mean square, and `sd` the mean sd of the draws. `sure` is
-    the share of samples with a sure sign, and `turning` that of samples in which its inertia turns.
+    The expected torque is between `low` and `high` in 94 % of the samples, and `rms` is its root mean
+    square. `width` is the mean half-width of the band, and `sd` the mean sd of the draws. `sure` is
+    the share of samples with a sure sign, and `turning` that of samples at which the inertia turns.
     """
 
     label: str
@@ -197,7 +197,7 @@ class RunAnalysis:
 
     @property
     def unsupported(self) -> Mapping[str, float]:
-        """Return sandwich sd over sd of quantities that only the draws seem to determine."""
+        """Return (sandwich sd) / sd of quantities that a sandwich sd would leave undetermined."""
         ratios = {u.name: (u.sd, 1 - u.shrinkage) for u in self.unknowns if u.word == "determined"}
         if self.judged is not None:
             verdict = self.judged.verdict
@@ -225,7 +225,7 @@ def analyse(
 ) -> RunAnalysis:
     """Evaluate the `RunAnalysis` of a finished run, without sampling.
 
-    If the run is `alone`, not one of several candidates, other rigs are tried before a table is blamed.
+    If the run is `alone` and not a candidate, missing effects are tried before the table is blamed.
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior

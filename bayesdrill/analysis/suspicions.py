@@ -27,9 +27,9 @@ from bayesdrill.record.regression import integral
 from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
 
 BITS = (12, 14, 16, 24, 32)  # usual numbers of bits of counters
-# A step over the period of a counter: larger ones are overflows, and smaller ones are motion.
+# Step divided by the period of a counter: larger steps are overflows, and smaller ones are motion.
 MAX_CALM_STEP = 0.4
-MIN_R_SQUARED = 0.98  # R^2 of two columns that are one motion in different units
+MIN_R_SQUARED = 0.98  # smallest R^2 of two columns that show one motion in different units
 MIN_UNIT_FACTOR = 1.5  # no sensor's error is as large as this factor
 # Ratios of units that are easily confused, in either direction.
 FACTORS = (
@@ -39,17 +39,17 @@ FACTORS = (
     (1000.0, "thousandths for the whole, as mA for A (1000)"),
 )
 NEAR_FACTOR = 0.05  # tolerance of the log of a factor between two columns
-NEAR_START_FACTOR = 0.2  # the same between a channel and its prediction by the start
-# Largest ratio, in either direction, of a channel's size to its prediction by a usual start.
+NEAR_START_FACTOR = 0.2  # the same tolerance for a channel and its prediction at the start values
+# Usual limit of measured / predicted size at the start values, or its inverse; factor of a wrong prefix.
 FAR_FROM_START, PREFIX = 20.0, 1000.0
-NEAR_MISFIT = 0.02  # mean square of residuals near a record, over that of the channels
-# Largest sd of the log of a prior (two decades): the middle of a wider one predicts nothing.
+NEAR_MISFIT = 0.02  # mean square of residuals / that of the channel; predictions below are near
+# Largest sd of the log of a prior (two decades): the middle of a wider prior predicts nothing.
 MAX_LOG_SD = 1.5
-FEW, ALL = 3, 50  # number of places of an anomaly in a report, and in the output of `check`
+FEW, ALL = 3, 50  # numbers of positions of an anomaly in a report, and in the output of `check`
 
 
 def suspicions_of_problem(problem: Problem, most: int = FEW) -> Iterator[Finding]:
-    """Yield what looks wrong in columns and units, and anomalies with at most `most` places each."""
+    """Yield findings on columns and units, and anomalies with at most `most` positions each."""
     for observation in problem.observations:
         experiment = observation.experiment
         label = {"experiment": observation.label} if observation.label else {}
@@ -72,7 +72,7 @@ def suspicions_of_record(
 
 
 def suspicions_of_start(problem: Problem) -> Iterator[Finding]:
-    """Yield channels that are the start's prediction times the factor of a wrong unit, or far off.
+    """Yield channels that differ from predictions at the start by the factor of a wrong unit, or by far.
 
     A start that is only the middle of a wide prior predicts nothing; then no unit is suspected.
     """
@@ -100,12 +100,12 @@ def suspicions_of_start(problem: Problem) -> Iterator[Finding]:
 
 
 def _far_from_start(problem: Problem) -> Iterator[Finding]:
-    """Yield the channel whose size is farthest from the start's prediction, with what may explain it.
+    """Yield the channel whose size is farthest from the prediction at the start, with an explanation.
 
     Each value of the rig is tried a thousand times as large and as small, as by a wrong prefix.
     """
     tried, rows = _wrong_prefixes(problem)
-    # The misfit of each row is in sizes of channels; `sizes` are measured over predicted ones.
+    # `left` is the misfit of each row, relative to channels; `sizes` are ratios measured / predicted.
     left, sizes = np.zeros(len(rows)), list[tuple[float, str]]()
     with np.errstate(all="ignore"):
         for each in problem.observations:
@@ -130,7 +130,7 @@ def _far_from_start(problem: Problem) -> Iterator[Finding]:
 
 
 def _wrong_prefixes(problem: Problem) -> tuple[list[tuple[str, float]], Array]:
-    """Return names of values with factors, and the parameters `(n, P)` of each, the start first."""
+    """Return pairs (name, factor) and the parameters `(n, P)` changed by each, with the start first."""
     space = problem.posterior.space
     start = space.vector(space.start)
     full = space.full(start[None])[0]
@@ -148,7 +148,7 @@ def _wrong_prefixes(problem: Problem) -> tuple[list[tuple[str, float]], Array]:
 
 
 def _likely_mistakes(times: float, tolerance: float, gear: float) -> str:
-    """Return mistakes that give the factor `times`, the nearest first; empty if there is none."""
+    """Return mistakes that explain the factor `times`, the nearest first; empty if there is none."""
     if times == 0 or 1 / MIN_UNIT_FACTOR < times < MIN_UNIT_FACTOR:
         return ""
     size, known = abs(math.log(abs(times))), [*FACTORS]
@@ -229,20 +229,20 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
     return (across / float(x @ x), across**2 / size) if size > 0 else (math.nan, 0.0)
 
 
-MIN_LEFT = 0.3  # share of a channel that the model leaves unexplained, at least
-MIN_FOLLOWED = 0.95  # R^2 of a channel over an input that it follows
-MAX_FOLLOWING = 20  # samples by which it may lag behind the input
+MIN_LEFT = 0.3  # smallest unexplained share of a channel that the model does not fit
+MIN_FOLLOWED = 0.95  # smallest R^2 of the regression of a channel on an input that it follows
+MAX_FOLLOWING = 20  # largest lag of such a channel behind the input, in samples
 
 
 def find_reference(
     problem: Problem, residuals: Sequence[ResidualSummary]
 ) -> tuple[str, str] | None:
-    """Return an input and an angle that follows it as a set point, but not in the model; or None."""
+    """Return an input that is a set point, and an angle that follows it in the record, not the model."""
     shares = {(row.experiment, row.channel): row.share for row in residuals}
     goals = {motor.goal for motor in problem.model.roles.motors}
     for observation in problem.observations:
         experiment = observation.experiment
-        # A model with a goal has the loop that follows it.
+        # A model with a goal includes the control loop that follows it.
         inputs = [(name, u) for name, u in experiment.series.items() if name not in goals]
         for channel, y in zip(experiment.channels, experiment.y.T, strict=True):
             unexplained = shares[observation.label, channel.name] > MIN_LEFT

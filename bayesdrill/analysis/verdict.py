@@ -32,7 +32,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 
-# Tail probabilities are counted up to this number of sigmas, at these steps.
+# Tail probabilities are counted up to this number of sigmas, in steps of this size.
 MAX_COUNTED_SIGMA, SIGMA_STEP = 3.0, 0.25
 MIN_DRAWS_BEYOND = 25  # a tail is counted if at least this number of draws lie in it
 # The tail probability of a larger squared distance underflows.
@@ -44,7 +44,7 @@ def tension(logs: Array, low: float, high: float) -> float:
     """Return sigmas between draws `logs (N,)` and the nearest value from `low` to `high`.
 
     The two-sided tail probability of that value is converted to sigmas of a normal distribution.  If
-    too few draws lie beyond it, a normal tail is assumed, with the largest sd that quantiles give.
+    too few draws lie beyond the value, a normal tail is assumed, with the largest sd by quantiles.
     """
     middle = float(np.median(logs))
     value = min(max(middle, low), high)
@@ -115,8 +115,8 @@ JUDGED: tuple[Says, ...] = ("agrees", "disagrees", "in doubt")
 FALSE_ALARM = 0.01  # probability of any "disagrees" about a rig that agrees with its table
 # Priors determine a product that a symmetry changes if its sd is below this share of the prior sd.
 MAX_BLIND_SD_RATIO = 0.25
-# A quantity is not judged if it explains more of the variance of an unknown whose prior ends at its
-# nominal value. In simulations of normal posteriors, false alarms then are as rare as without ends.
+# A prior may end at the nominal value of its unknown. Quantities that explain a larger fraction of the
+# variance of this unknown are not judged. In simulations, false alarms are as rare as without ends.
 MAX_EXPLAINED_BY_CUT = 0.25
 PRIOR_DRAWS = 100_000  # number of draws from the prior
 
@@ -126,9 +126,9 @@ class Quantity:
     """A quantity is a product of powers of the unknowns, SI, with a `nominal` value.
 
     `tolerance` and `deviation` of the mean are relative.  `tension` is sigmas between the posterior and
-    the nearest value within tolerance.  `beyond` is the probability of values outside the tolerance,
-    None without one.  `sd_ratio` is the sd of the log over the prior's, and `bits` the information
-    gained.  An exact symmetry changes a `blind` quantity, so no record of these channels can show it.
+    the nearest value within tolerance.  `beyond` is the probability of values outside the tolerance, or
+    None without tolerance.  `sd_ratio` is (posterior sd) / (prior sd) of the log, and `bits` the gained
+    information.  An exact symmetry changes a `blind` quantity, so no record of these channels shows it.
     """
 
     exponents: Exponents
@@ -152,10 +152,10 @@ class Quantity:
 class Verdict:
     """A verdict judges the values of a nominal table.
 
-    A quantity disagrees above `limit` sigmas. `joint` is sigmas between posterior and table over all
-    determined products, None if there are fewer than two. `fits` says whether the fit leaves noise
-    only. If not, the fit contradicts the model, and disagreement is *in doubt*. `ends` are ends of
-    priors [SI], by unknown, that keep draws from passing the nominal value. Such unknowns, and
+    A quantity disagrees above `limit` sigmas. `joint` is sigmas between posterior and table for all
+    determined products together, None if there are fewer than two. `fits` says whether the residuals
+    look like noise. If not, the fit contradicts the model, and disagreement is *in doubt*. `ends` are
+    ends of priors [SI], by unknown, that keep draws from passing the nominal value. Such unknowns, and
     quantities that they dominate, cannot be judged.
     """
 
@@ -184,12 +184,12 @@ class Verdict:
 
     @property
     def far(self) -> tuple[Quantity, ...]:
-        """Return the quantities farther from the table than chance, also if the model is in doubt."""
+        """Return quantities farther from the table than by chance, even if the model is in doubt."""
         return (*self.saying("disagrees"), *self.saying("in doubt"))
 
     @property
     def far_together(self) -> bool:
-        """Return whether the determined products together are farther from the table than chance."""
+        """Return whether the determined products together are farther away than chance explains."""
         return self.joint is not None and self.joint > self.limit
 
     @property
@@ -260,8 +260,8 @@ def judge(
 def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponents, ...]:
     """Return independent products of the unknowns `among` that no symmetry changes.
 
-    Products that the record narrows come first, the narrowest of all at the beginning.  The sparsest
-    others complete the set, since the record may narrow too few products of these unknowns alone.
+    Products that the record narrows come first, in order of increasing price.  The sparsest other
+    products complete the set, as the record may narrow too few products of these unknowns alone.
     """
     simple = simple_exponents(len(study.names))
     simple = simple[~simple[:, [name not in among for name in study.names]].any(axis=1)]
@@ -278,7 +278,7 @@ def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponent
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _TableComparison:
-    """Logs of draws over nominal values are compared with `ends (m, 2)` of tolerances.
+    """Logs of draw / nominal value are compared with limits `ends (m, 2)` of tolerances.
 
     Draws are `pressed (m,)` against an end of the prior, or `cut (m,)` at the nominal value.
     """

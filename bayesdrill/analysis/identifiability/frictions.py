@@ -1,7 +1,7 @@
 """Find frictions, dampings and voltage drops that a record can hardly distinguish.
 
-The information of record and priors shows which they are, and the motion at that point shows why.
-Further experiments are tried by computing their information.
+The information of record and priors shows these parameters, and the motion at the studied point
+explains why.  Further experiments are tried by computing their information.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from bayesdrill.rig.models.friction import DIRECTION
 from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
 from bayesdrill.rig.models.roles import Roles
 
-KNOWN_SD = 0.1  # a parameter with a smaller sd of its log is known, whatever it resembles
-MIN_FALL = 2.0  # least factor by which knowing its rivals reduces the sd of a parameter
-MIN_EXPLAINED_FALL = 0.8  # share of the log of the whole factor that the reported rivals explain
-MIN_HELPFUL_FALL = 1.5  # factor by which a proposed experiment reduces an sd
-MAX_PROPOSED = 2  # number of experiments that are proposed
-STICTION_GONE_SPEEDS = 3.0  # speed relative to the scale at which static friction fades
-LOST_SHARE = 0.9  # sd over that of the prior, above which the record shows nothing
-ONE_SPEED_SHARE = 0.25  # range of speeds over their mean, below which there is one speed
-BELOW_STALL = 0.8  # proposed voltage over that at which the rig comes to rest
+KNOWN_SD = 0.1  # a parameter with a smaller sd of its log counts as known, whatever it resembles
+MIN_FALL = 2.0  # the sd of a confounded parameter falls at least by this factor with known rivals
+MIN_EXPLAINED_FALL = 0.8  # smallest share of the log of that factor that reported rivals explain
+MIN_HELPFUL_FALL = 1.5  # smallest factor by which a proposed experiment reduces an sd
+MAX_PROPOSED = 2  # largest number of experiments that are proposed
+STICTION_GONE_SPEEDS = 3.0  # speed divided by its scale `fading`, above which stiction is gone
+LOST_SHARE = 0.9  # sd divided by the prior's sd, above which the record shows nothing
+ONE_SPEED_SHARE = 0.25  # (fastest - slowest) / (fastest + slowest), below which there is one speed
+BELOW_STALL = 0.8  # proposed voltage divided by the voltage below which the rig comes to rest
 
 
 def rivals(roles: Roles) -> dict[str, tuple[str, ...]]:
-    """Return the parameters that act like each friction, damping or voltage drop, by its name."""
+    """Map the name of each friction, damping or voltage drop to the parameters that act alike."""
     inertias, motors = roles.inertias, roles.motors
     back_emfs = [motor.back_emf for motor in motors]
     similar: dict[str, tuple[str, ...]] = {}
@@ -63,9 +63,9 @@ def rivals(roles: Roles) -> dict[str, tuple[str, ...]]:
 class Excitation:
     """The excitation describes the motion at a friction `where`, over all records.
 
-    `against` is the state that the friction opposes, `reversals` the number of its changes of sign,
-    and `stuck` the share of time at rest.  `slowest` and `fastest` are its least and greatest size
-    after the start: a speed, SI, or a current [A].
+    `against` is the state that the friction opposes: a speed, SI, or a current [A].  `reversals` is
+    the number of its changes of sign, `stuck` the share of time at rest.  `slowest` and `fastest` are
+    the smallest and largest size of the state after the start.
     """
 
     where: str
@@ -183,7 +183,7 @@ class _FrictionStudy:
     def _named_rivals(
         self, name: str, rivals: Sequence[str], alone: float, fall: float
     ) -> tuple[str, ...]:
-        """Return the rivals whose knowledge would help most, selected one after the other."""
+        """Select, one after the other, the rivals that would reduce the sd most if they were known."""
         named: list[str] = []
         while len(named) < len(rivals):
             others = [rival for rival in rivals if rival not in named]
@@ -207,7 +207,7 @@ class _FrictionStudy:
                 yield UnseenStiction(names=lost, scale=speed, deeds=deeds, proposals=proposed)
 
     def _excitation(self, parameters: set[str]) -> Excitation | None:
-        """Return the excitation of the frictions with any of these parameters; None without any."""
+        """Return the excitation of the frictions with any of these parameters, or None."""
         motions = [f for f in self.frictions if parameters & {*f.friction.law.parameters}]
         if not motions:
             return None
@@ -223,11 +223,11 @@ class _FrictionStudy:
 
     @cached_property
     def tried(self) -> list[tuple[str, float | None, Array]]:
-        """Return possible experiments: the name, the voltage, and the precision with its record."""
+        """Return name, voltage and posterior precision of each possible experiment."""
         tried = []
         for what, volts, scene in self._scenes():
             rows = self.sensitivity.with_nuisances(self.theta, scene)
-            both = np.vstack([self.rows, rows]) if scene.times else rows  # other experiments
+            both = np.vstack([self.rows, rows]) if scene.times else rows  # a further record
             tried.append((what, volts, self._precision(both)))
         return tried
 
@@ -285,10 +285,10 @@ def drive_words(model: Model, drive: str) -> tuple[str, str]:
 
 
 def stall_voltage(model: Model, p: Mapping[str, float]) -> float:
-    """Return the first drive, such as a voltage [V], at which the rig just turns against friction.
+    """Return the value of the first drive, such as a voltage [V], that just overcomes friction.
 
-    Below it the rig comes to rest, as friction at rest is at least as large.  The result is zero without
-    friction, without a drive, and if the drive is a speed.
+    At lower values the rig comes to rest, as friction at rest is at least as large.  The result is zero
+    without friction, without a drive, and if the drive is a speed.
     """
     drive = next(iter(drives_of(model)), "")
     moved = model.roles.moved(drive)

@@ -30,7 +30,7 @@ from bayesdrill.record.experiment import channels_first, with_states
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignVariant:
-    """A design variant changes the experiments, or adds changed ones if `beside` is true.
+    """A design variant changes the experiments, or adds changed copies if `beside` is true.
 
     `extra` maps further measured states to their sigma, SI.  `late` is added to inputs in the second
     half of each record, and `times` multiplies them throughout.
@@ -44,13 +44,13 @@ class DesignVariant:
 
 AS_RECORDED = DesignVariant()
 STUDIED_SAMPLES = 16384  # number of samples of a long record that are studied
-LARGEST_SLOPE = 1e100  # largest whitened slope, whose sums of squares do not overflow
+LARGEST_SLOPE = 1e100  # limit of whitened derivatives, so that sums of squares do not overflow
 
 
 class SensitivityStudy:
     """A study computes sensitivities to m unknowns and k nuisances.
 
-    Only the first `samples` of each record are studied, and scaled to the information of all.
+    Only the first `samples` of each record are studied; their information is scaled to the whole record.
     """
 
     def __init__(self, likelihood: Likelihood, samples: int = STUDIED_SAMPLES) -> None:
@@ -79,9 +79,9 @@ class SensitivityStudy:
         return {name: x[0] for name, x in self.likelihood.rig_parameters(theta[None]).items()}
 
     def sensitivities(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
-        """Return d channel / d log unknown over sigma at `theta (D,)`, `(n, m)`.
+        """Return (d channel / d log unknown) / sigma at `theta (D,)`, `(n, m)`.
 
-        Nuisances, which have their priors, are projected out.
+        Nuisances are projected out, with their priors as additional information.
         """
         rows, m = self.with_nuisances(theta, scene), len(self.unknowns)
         if not self.nuisances:
@@ -91,7 +91,7 @@ class SensitivityStudy:
     def local_estimate(self, rows: Array, residuals: Array) -> tuple[Array, Array]:
         """Return `R (m, m)` and `b (m,)` of `rows (n, m + k)` with `residuals (n,)`.
 
-        These rows alone have the information `R' R` on the rig's unknowns, and would move them by
+        These rows have the information `R' R` on the rig's unknowns, and their Gauss-Newton step is
         `R^-1 b`.  Nuisances are projected out.
         """
         m = len(self.unknowns)
@@ -106,7 +106,7 @@ class SensitivityStudy:
     def with_nuisances(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
         """Return sensitivities `(n, m + k)` to unknowns and nuisances, on their natural scales.
 
-        The row of a sample whose slopes overflow is zero.
+        The row of a sample is zero if its derivatives exceed `LARGEST_SLOPE`.
         """
         parts = self.by_experiment(theta, scene)
         if scene.beside:
@@ -114,9 +114,9 @@ class SensitivityStudy:
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def changes(self, theta: Array, points: Array) -> Array:
-        """Return by how much signals change from `theta (D,)` to `points (N, D)`, `(N, n)`.
+        """Return whitened changes `(N, n)` of all signals from `theta (D,)` to `points (N, D)`.
 
-        They are whitened at `theta`, where their derivatives are the rows of `with_nuisances`.
+        `with_nuisances` returns the derivatives of these changes at `theta`.
         """
         observations, parts = self.likelihood.observations, []
         moved = self.likelihood.all_signals(np.vstack([theta, points]))
@@ -141,7 +141,7 @@ class SensitivityStudy:
 
 
 def project_out(rows: Array, m: int) -> Array:
-    """Project the last k columns of `rows (n, m + k)` out of the first m, and return a root `(m, m)`."""
+    """Project the last k columns of `rows (n, m + k)` out of the first m; return the root `(m, m)`."""
     k = rows.shape[1] - m
     remaining = np.linalg.qr(np.hstack([rows[:, m:], rows[:, :m]]), mode="r")[k:, k:]
     return np.asarray(np.vstack([remaining, np.zeros((m - len(remaining), m))]))
@@ -151,7 +151,7 @@ class _ExtendedExperiment:
     """An experiment is extended by all states as channels, and all inputs as series."""
 
     def __init__(self, observation: Observation, repeats: float) -> None:
-        self.repeats = repeats  # the length of the record over that of its excerpt
+        self.repeats = repeats  # the length of the record divided by that of its excerpt
         model, experiment = observation.response.model, observation.experiment
         self._one, self._states, self.k = observation, model.states, len(experiment.channels)
         n, self.constant = len(experiment.t), experiment.constant
@@ -160,7 +160,7 @@ class _ExtendedExperiment:
         self._states_alone = observation.response.sensing.empty
         shown = with_states(experiment, model.states, alone=self._states_alone)
         self._response = observation.response.of(dataclasses.replace(shown, series=self.base))
-        # The last point with the inputs of the record, and its signals and slopes.
+        # Cache: the last point with the inputs of the record, and its signals and their derivatives.
         self._recorded: tuple[bytes, tuple[Array, Array]] | None = None
 
     def whitened(self, full: Array, along: Array, theta: Array, scene: DesignVariant) -> Array:
@@ -175,9 +175,9 @@ class _ExtendedExperiment:
         return np.where(readable[:, None], rows, 0.0)
 
     def course(self, full: Array, along: Array, scene: DesignVariant) -> tuple[Array, Array]:
-        """Return signals `(T, K + X)` and slopes `(q, T, K + X)`, which are read-only.
+        """Return signals `(T, K + X)` and their derivatives `(q, T, K + X)`.
 
-        The result of the last point with the inputs of the record is kept, as it is used repeatedly.
+        With the inputs of the record, the arrays are read-only and cached for the last point.
         """
         at = [self._one.simulator_parameters(parameters) for parameters in (full, along)]
         point, response = b"".join(map(bytes, at)), self._response
@@ -200,8 +200,8 @@ class _ExtendedExperiment:
         return signals, slopes
 
 
-RANK_TOLERANCE = 1e-11  # singular value over the largest, below which it is zero
-# Share of a product that lies in undetermined directions; above it the bound is infinite.
+RANK_TOLERANCE = 1e-11  # singular value divided by the largest, below which it counts as zero
+# Relative norm of exponents in undetermined directions, above which the bound of a product is infinite.
 BLIND_SHARE = 1e-6
 MAX_FACTORS = 3  # largest number of factors of a simple product
 
@@ -258,7 +258,7 @@ class Information:
 
 
 def from_sensitivities(names: tuple[str, ...], sensitivities: Array) -> Information:
-    """Return the information of sensitivities d signal / d log unknown over sigma, `(n, m)`."""
+    """Return the information of sensitivities (d signal / d log unknown) / sigma, `(n, m)`."""
     return Information(names, root_of(sensitivities))
 
 
@@ -271,7 +271,7 @@ def root_of(rows: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Direction:
-    """A principal direction has a largest exponent of 1; the bound `sd` of its log may be infinite."""
+    """A principal direction is scaled to a largest exponent of 1; its bound `sd` may be infinite."""
 
     exponents: tuple[float, ...]
     sd: float

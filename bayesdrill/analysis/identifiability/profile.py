@@ -1,7 +1,7 @@
 """Profile the likelihood of a parameter: hold it at values of its prior, and fit all others.
 
-Fits are least squares with exact sensitivities, in logs, inside the ends of the priors.  Each starts
-at the result of its neighbour.  Unknown noise levels are held at their values for the best fit.
+Fits are least squares with exact sensitivities, in logs, inside the ends of the priors.  Each fit
+starts at the result for the neighbouring value.  Unknown noise levels are held at those of the best fit.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from bayesdrill.inference.unknowns import Coordinates
 Shape = Literal["bounded", "one-sided", "flat", "at the bound"]
 
 THRESHOLD = 1.92  # half the 95 % quantile of chi-squared with one degree of freedom
-NEAR = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0)  # distances of grid points from the best fit, in its sd
+NEAR = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0)  # distances of grid points from the best fit, in sds
 FAR = 8  # number of further grid points up to each end of the prior
-FAR_ENOUGH = 25.0  # a profile ends at a larger loss
-TAIL = 5e-4  # mass of a prior without ends beyond the end of its profile
+FAR_ENOUGH = 25.0  # loss of log likelihood above which a profile is not continued
+TAIL = 5e-4  # prior mass beyond the end of a profile, if the prior itself has no end
 AT_BOUND = 1e-3  # distance of a log from an end, below which the best fit is at the bound
 AT_END = 1e-9  # distance of a log from an end, below which there is nothing to profile
 MAX_STEPS = 50  # largest number of steps of a fit
 MIN_GAIN = 1e-5  # a fit ends if the sum of squares falls by less
-PROBE_SHARE = 0.1  # share of a step after which the curvature of residuals is measured
-MAX_ACCELERATION = 1.5  # largest correction by curvature, over the step itself
+PROBE_SHARE = 0.1  # fraction of a step by which the curvature of the residuals is probed
+MAX_ACCELERATION = 1.5  # largest norm of the correction by curvature, relative to that of the step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
     """The profile likelihood of one parameter is given at physical `values (n,)`.
 
-    `loss (n,)` is the best log likelihood minus the profile's.  It passes `THRESHOLD` at `low` and
-    `high`, which are None if it does not inside the prior.
+    `loss (n,)` is the best log likelihood minus the profile's.  The loss passes `THRESHOLD` at `low`
+    and `high`; each of these is None if the loss stays below inside the prior.
     """
 
     name: str
@@ -51,16 +51,16 @@ class Profile:
     shape: Shape
 
     def over(self, factor: float) -> Profile:
-        """Return the profile in a unit that is `factor` times the present one."""
+        """Return the profile in a unit that is `factor` times the present unit."""
         low, high = (None if x is None else x / factor for x in (self.low, self.high))
         values, best = self.values / factor, self.best / factor
         return replace(self, values=values, best=best, low=low, high=high)
 
 
 class Fitter:
-    """A fitter minimises squared residuals over unknowns of rig, sensors and starts.
+    """A fitter minimises squared residuals by changing unknowns of rig, sensors and starts.
 
-    They are on their natural scales, called `logs`, and stay inside the priors.
+    Arguments `logs` are the unknowns on their natural scales; they stay inside the priors.
     """
 
     def __init__(self, posterior: Posterior, sensitivity: SensitivityStudy, theta: Array) -> None:
@@ -77,7 +77,7 @@ class Fitter:
         ends, start = ends / self._steps, theta[None, : self._m] / self._steps
         self.low, self.high = self._coordinates.from_physical(ends)
         self.best = self._fit(self._coordinates.from_physical(start)[0], None)
-        if len(self._noise):  # unknown levels follow from the residuals of the best fit
+        if len(self._noise):  # unknown noise levels follow from the residuals of the best fit
             theta = self._theta(self.best.logs)
             full, fitted = self._likelihood.space.full(theta[None]), theta.copy()
             for observation in self._likelihood.observations:
@@ -92,7 +92,7 @@ class Fitter:
         return self._fit(logs, column)
 
     def spread(self) -> Array:
-        """Return the sds `(m,)` of the logs at the best fit, at most the range of the prior."""
+        """Return the sds `(m,)` of the logs at the best fit, with priors of sd = range / sqrt(12)."""
         rows = self._jacobian(self.best.logs)
         names = (*self._sensitivity.unknowns, *self._sensitivity.nuisances)
         known = information.from_sensitivities(names, rows)
@@ -172,7 +172,7 @@ class ProfileFit:
 
 
 def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
-    """Profile the likelihood over the unknown in `column`."""
+    """Profile the likelihood of the unknown in `column`."""
     best = fitter.best
     centre, sd = best.logs[column], fitter.spread()[column]
     down = _side(fitter, column, centre, sd, fitter.low[column])
@@ -191,7 +191,7 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
                     fit = fitter.fit_at(start, column, value)
                     return float(fit.cost - costs[lowest] - THRESHOLD)
 
-                # It is relative to the bracket, as a well-known log varies in its last digits only.
+                # The tolerance is relative to the bracket, as a precise log varies in its last digits.
                 tolerance = 1e-4 * abs(logs[following] - logs[k])
                 ends = logs[k], logs[following]
                 return float(scipy.optimize.brentq(excess, *ends, xtol=tolerance, rtol=1e-14))
@@ -215,7 +215,7 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
 def _side(
     fitter: Fitter, column: int, centre: float, sd: float, end: float
 ) -> list[tuple[float, ProfileFit]]:
-    """Return values up to an end of the prior and their fits, each begun at the previous one."""
+    """Return values up to an end of the prior, and their fits; each fit begins at the previous fit."""
     if abs(end - centre) < AT_END:
         return []
     sign = 1.0 if end > centre else -1.0

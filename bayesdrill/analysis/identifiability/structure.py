@@ -2,11 +2,11 @@
 
 A symmetry multiplies unknowns by powers of a factor without changing any measured signal.  The null
 space of the log-sensitivities at several points of the prior gives candidates with small whole
-exponents.  Each is proven by scaling: with a factor of two, the response is the same to rounding.
+exponents.  Each candidate is proven by scaling by two: the response is the same to rounding.
 
-A fixed number determines a scale that no signal shows.  With another value, all unknowns that are
-known through it would differ, and the record would look the same.  If the record hardly determines
-these unknowns, priors determine the scale instead.
+A fixed number may determine a scale that no signal shows.  With another value of the number, the
+unknowns on this scale would differ, and the record would look the same.  If the record hardly
+determines these unknowns, priors determine the scale instead.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from bayesdrill.inference.unknowns import Unknown
 
 Exponents = tuple[int, ...]
 
-SAME_RESPONSE = 1e-9  # equal responses agree to this, over the largest value of each channel
-SAME_DIRECTION = 1e-6  # singular value over the largest, below which directions are dependent
+SAME_RESPONSE = 1e-9  # tolerance of equal responses, relative to the largest value of each channel
+SAME_DIRECTION = 1e-6  # singular value divided by the largest, below which directions are dependent
 MAX_DENOMINATOR = 6  # largest denominator in the search for whole exponents
-MAX_BASES = 5000  # largest number of sets of pivots that are tried
+MAX_BASES = 5000  # largest number of pivot sets that are tried
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +76,7 @@ def null_space(sensitivities: Sequence[Array], *, nearly: bool = False) -> Array
     is_null = values <= RANK_TOLERANCE * values[0]
     if nearly:
         before = np.concatenate([values[:1], values[:-1]])
-        # Rounding in a stiff rig is larger, but far below all other singular values.
+        # Rounding errors of a stiff rig are larger, but far below all other singular values.
         is_null |= (values < NULL_BELOW * values[0]) & (values < NULL_GAP * before)
     rank = int(np.argmax(is_null)) if is_null.any() else len(values)
     return np.asarray(rows[rank:])
@@ -92,7 +92,7 @@ def find_structure(
     proven = tuple(exponents for exponents in candidates if unchanged(exponents))
     local = [null_space([point]) for point in sensitivities if point.any()]
     blind = max(min(map(len, local), default=len(null)), len(proven))
-    if blind > len(null):  # if signals show only a sum of unknowns, null directions vary
+    if blind > len(null):  # null directions vary over the prior if signals show sums of unknowns
         hidden = np.concatenate(local)
     elif len(proven) >= len(null):
         hidden = np.array(proven, dtype=float).reshape(-1, len(names))
@@ -124,7 +124,7 @@ def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
 
 
 def scaled_by_two(theta: Array, exponents: Exponents) -> Array:
-    """Return `theta (..., D)` with each unknown times 2 to its exponent, which is exact in floats."""
+    """Return `theta (..., D)` with unknown k times `2.0 ** exponents[k]`, which is exact in floats."""
     powers = np.zeros(theta.shape[-1])
     powers[: len(exponents)] = exponents
     return np.asarray(theta * 2.0**powers)
@@ -138,7 +138,7 @@ def _complement(rows: Array, m: int) -> Array:
 
 
 def _whole(row: Array) -> Exponents | None:
-    """Return the row times the least factor that makes all entries whole; None if there is none."""
+    """Return the row times the smallest factor that makes all entries whole, or None."""
     fractions = [Fraction(float(x)).limit_denominator(MAX_DENOMINATOR) for x in row]
     if any(abs(float(f) - x) > 1e-6 for f, x in zip(fractions, row, strict=True)):
         return None
@@ -156,12 +156,12 @@ def _complexity(exponents: Exponents) -> tuple[int, int, Exponents]:
     return used, sum(abs(x) for x in exponents), tuple(-x for x in exponents)
 
 
-NULL_BELOW, NULL_GAP = 1e-7, 1e-4  # tiny singular values, over the largest and the previous one
-PRIOR_POINTS = 4  # number of points, beside the start, at which symmetries are found and proven
-# Points are at this share of the way from the start to draws of the prior.  Rigs at the ends of wide
-# priors are so stiff that rounding hides symmetries.
+NULL_BELOW, NULL_GAP = 1e-7, 1e-4  # limits of singular value / largest, and of value / next larger
+PRIOR_POINTS = 4  # number of points at which symmetries are found and proven, plus the start
+# Points are at this fraction of the distance from the start to draws from the prior.  At the ends of
+# wide priors, rigs are so stiff that rounding hides symmetries.
 PRIOR_SHARE = 0.25
-MAX_DRAWS = 100  # number of draws of the prior to find these points, as responses may overflow
+MAX_DRAWS = 100  # number of prior draws to find these points, as some responses may overflow
 
 
 def structure_of(
@@ -187,8 +187,8 @@ def structure_of(
     return find_structure(sensitivity.unknowns, sensitivities, unchanged)
 
 
-FREED_RANGE = 0.5, 1.5  # range of a fixed number, over its value, in which symmetries are found
-MIN_PRIOR_SHARE = 0.5  # priors with this share of the scale, and of the largest effect, are named
+FREED_RANGE = 0.5, 1.5  # range, relative to its value, over which a fixed number is varied
+MIN_PRIOR_SHARE = 0.5  # smallest share of a scale, and of the largest effect, of priors to be named
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,7 +196,7 @@ class DependsOnFixed:
     """Fixed numbers determine a scale of unknowns.
 
     If `names`, the last of which are `held`, are multiplied by powers of a factor with `exponents`,
-    no signal changes.  `following (m, m)` are derivatives of posterior means of logs by prior means.
+    no signal changes.  `following (m, m)` are derivatives (d posterior mean / d prior mean) of logs.
     """
 
     names: tuple[str, ...]
@@ -230,9 +230,9 @@ class DependsOnFixed:
         return sum(self._powers[name] * e for name, e in pairs) != 0
 
     def priors(self, names: Sequence[str], exponents: Sequence[float]) -> tuple[str, ...]:
-        """Return unknowns whose priors determine a product that this scales.
+        """Return unknowns whose priors determine a product that the scale changes.
 
-        There are none if the product follows the fixed numbers more than the priors.
+        The result is empty if the product follows the fixed numbers more than the priors.
         """
         m = len(self.following)
         given = dict(zip(names, exponents, strict=True))
@@ -251,10 +251,10 @@ def depends_on_fixed(
     prior_sd: Array,
     rng: np.random.Generator,
 ) -> tuple[DependsOnFixed, ...]:
-    """Find scales of unknowns that at most as many fixed numbers determine.
+    """Find scales of unknowns that fixed numbers determine, at most as many as these unknowns.
 
-    With more, a user expects that.  `known` is the information of the record at `theta (D,)`, and
-    `prior_sd (m,)` are sds of logs.  `rng` draws points at which symmetries are found.
+    Users expect a dependence on more fixed numbers.  `known` is the information of the record at
+    `theta (D,)`, `prior_sd (m,)` are sds of logs, and `rng` draws points to find symmetries.
     """
     space, observations = posterior.space, posterior.likelihood.observations
     model = observations[0].response.model
@@ -281,6 +281,6 @@ def depends_on_fixed(
 
 
 def prior_following(known: Information, prior_sd: Array) -> Array:
-    """Return the derivative `(m, m)` of the mean of each log by the mean of each prior."""
+    """Return derivatives `(m, m)` of the posterior mean of each log by the mean of each prior."""
     spread = np.linalg.inv(known.with_priors(prior_sd).root)
     return np.asarray(spread @ spread.T / prior_sd**2)

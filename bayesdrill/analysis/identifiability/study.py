@@ -1,7 +1,7 @@
 """Study the identifiability of one config: structure, bounds, products, and remedies.
 
-A remedy is a further channel, other inputs, or other knowledge, such as the weight of a part or a
-tie by theory.  Remedies are tried at the start values, with priors that are Gaussian in the logs.
+A remedy is a further channel, other inputs, or other knowledge, such as the weight of a part or an
+equation of theory.  Remedies are tried at one point, with priors that are Gaussian in the logs.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.record.experiment import typical_inputs
 
 WEIGHED_TO = 0.01  # relative sd of a part that is weighed or tied
-LOAD_SHARE = 0.1  # largest effect of a known load on a channel, over its range
-ADDED_SHARE = 0.5  # a known inertia that is added in a further record, over the unknown one
-OTHER_DRIVE = 0.5  # another drive, half-way or in a further record, over the present one
+LOAD_SHARE = 0.1  # largest effect of a known load on a channel, relative to the channel's range
+ADDED_SHARE = 0.5  # known inertia added in a further record, relative to the unknown inertia
+OTHER_DRIVE = 0.5  # drive after half of the record, or in a further record, relative to the present
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +61,7 @@ class Remedy:
     """A remedy, `what` in words, would break symmetries and reduce standard deviations.
 
     `breaks` are indices of these symmetries, and `left` counts products that remain undetermined.
-    `shrink` is the factor by which sds of parameters of interest fall, as a geometric mean.
+    `shrink` is the geometric mean of the factors by which sds of parameters of interest fall.
     """
 
     what: str
@@ -77,7 +77,7 @@ def remedies(
     prior_sd: Array,
     of_interest: Sequence[str],
 ) -> tuple[Remedy, ...]:
-    """Try every single action, and return those that help most first.
+    """Try each action alone, and return all, sorted from the most to the least helpful.
 
     `prior_sd (m,)` are sds of logs, and `of_interest` names the parameters whose sds count.
     """
@@ -107,7 +107,7 @@ def _actions(
     names = sensitivity.unknowns
     for name, unit in zip(names, np.eye(len(names)), strict=True):
         yield f"weigh or measure {name} to 1 %", now.with_knowledge(unit, WEIGHED_TO)
-    # In SI both are equal by conservation of energy in an ideal motor.
+    # In an ideal motor, conservation of energy makes torque and back-EMF constants equal in SI.
     for motor in sensitivity.model.roles.motors:
         first, second = motor.torque_constant, motor.back_emf
         if first in names and second in names:
@@ -202,10 +202,10 @@ def _other_inputs(
 def _load(
     sensitivity: SensitivityStudy, theta: Array, torque: str, where: str
 ) -> Iterator[tuple[str, DesignVariant]]:
-    """Yield the variant with a known load in the second half, so large that the record shows it."""
+    """Yield a variant with a known load in the second half that is large enough to be seen."""
     motion, observations = sensitivity.model.roles.motion, sensitivity.likelihood.observations
     loaded = sensitivity.motions(theta, DesignVariant(late={torque: 1.0}))
-    changes = []  # largest change of a channel by a unit load, over its range
+    changes = []  # largest change of a channel by a unit load, relative to the channel's range
     for observation, *both in zip(observations, sensitivity.motions(theta), loaded, strict=True):
         free, pushed = (x @ observation.experiment.weights(sensitivity.states).T for x in both)
         with np.errstate(all="ignore"):  # the range of a channel may be zero
@@ -217,12 +217,12 @@ def _load(
         yield what, DesignVariant(late={torque: load})
 
 
-MIN_FALL = 2.0  # a nuisance is named if an sd would fall by this factor, were it known
+MIN_FALL = 2.0  # knowing a nuisance reduces the sd of an unknown like it at least by this factor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownProduct:
-    """The log of a product of powers is known to `sd` with record and prior, and to `prior_sd` before.
+    """The log of a product of powers has `sd` with record and priors, and `prior_sd` by priors alone.
 
     `bound` is the Cramer-Rao bound of the record alone, infinite if it does not determine the product.
     """
@@ -235,14 +235,14 @@ class KnownProduct:
 
     @property
     def price(self) -> float:
-        """Return the sd over the prior's, times the sum of the powers, by which products compete."""
+        """Return sd / prior_sd times the sum of |exponents|; low prices are selected first."""
         return self.sd / self.prior_sd * sum(map(abs, self.exponents))
 
 
 def products(
     information: Information, prior_sd: Array, candidates: Array, thresholds: IdentifySpec
 ) -> tuple[KnownProduct, ...]:
-    """Return a maximal set of independent `candidates (n, m)`, those with the least price first.
+    """Return a maximal set of independent `candidates (n, m)`, in order of increasing price.
 
     The price increases with the number of factors; see `KnownProduct.price`.
     """
@@ -282,7 +282,7 @@ def _known_products(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nuisance:
-    """A nuisance is a number of a sensor or a start, with its sd, SI, and its sd by the prior alone.
+    """A nuisance is an unknown of a sensor or a start, with its sd and its sd by the prior alone, SI.
 
     `like` are unknowns of the rig from which it can hardly be distinguished.  Each has the factor by
     which its sd would fall if the nuisance were known.
@@ -300,8 +300,8 @@ class IdentifiabilityStudy:
     """A study describes the identifiability of the unknowns at a physical point, which `at` names.
 
     `information` is that of the record alone.  `stand_ins` are parameters that a missing torque can
-    replace, and `scaled` are names that a symmetry scales with its size.  `resting` are
-    scales that fixed numbers determine.
+    replace.  `scaled` are names that a symmetry scales together with the size of this torque.
+    `resting` are scales that fixed numbers determine.
     """
 
     names: tuple[str, ...]
@@ -360,16 +360,16 @@ def study_of(
     )
 
 
-START_DRAWS, TRIED = 128, 16  # draws from the priors, and the likeliest that are tried
-STILL = 1e-3  # range of a modelled channel over that of the record, below which it stands still
-MIN_MOTION_OVER_NOISE = 3.0  # sd of a moving channel over its noise, which neighbours show
+START_DRAWS, TRIED = 128, 16  # numbers of prior draws, and of the most probable that are tried
+STILL = 1e-3  # modelled / measured range of a channel, below which the model stands still
+MIN_MOTION_OVER_NOISE = 3.0  # smallest sd / noise of a moving channel; noise by neighbours
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyPoint:
     """A study is made at the point `theta (D,)`, which sentences name by `at`.
 
-    Channels in `still` move in the record, and at `theta` unless `at` is empty, but not at the start.
+    Channels in `still` move in the record but not at the start.  `at` is empty if no point moves them.
     """
 
     theta: Array
@@ -391,7 +391,7 @@ def study_point(sensitivity: SensitivityStudy, posterior: Posterior, seed: int) 
     moving = (theta for theta in drawn[likely] if not _still_channels(sensitivity, theta))
     if (theta := next(moving, None)) is None:
         return StudyPoint(theta=start, at="", still=still)
-    name = f"the likeliest of {START_DRAWS} draws from the priors with which the rig moves"
+    name = f"the most probable draw with motion, of {START_DRAWS} draws from the priors"
     return StudyPoint(theta=theta, at=name, still=still)
 
 

@@ -1,7 +1,7 @@
 """Find parameters that a missing torque can replace, and remedies.
 
 The Fisher information of all unknowns, with the priors, is compared with that of a rig without a
-missing torque.  It is the mean Gauss-Newton curvature of records that are drawn at the given point.
+missing torque.  The information is the mean Gauss-Newton curvature for records drawn at the point.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import frozen, with_states
 from bayesdrill.rig.models.latent_torque import SIZE, TorqueLocation, torque_gain
 
-MIN_LOSS = 3.0  # factor by which the torque increases the sd of a parameter that is named
-KNOWN_SHARE = 0.5  # sd over the prior's, below which a parameter is known despite the torque
-MIN_HELPFUL_FALL = 2.0  # factor by which a proposed remedy reduces an sd
-SENSOR_NOISE = 0.01  # noise of a proposed sensor, over the spread of its signal
-NO_TORQUE = 1e-9  # factor of the torque's size that makes it negligible
+MIN_LOSS = 3.0  # the torque increases the sd of a confounded parameter at least by this factor
+KNOWN_SHARE = 0.5  # sd divided by prior sd, below which a parameter is known despite the torque
+MIN_HELPFUL_FALL = 2.0  # smallest factor by which a proposed remedy reduces an sd
+SENSOR_NOISE = 0.01  # noise of a proposed sensor, relative to the spread of its signal
+NO_TORQUE = 1e-9  # factor by which the torque's size is multiplied to make the torque negligible
 DRAWN_RECORDS = 2  # number of drawn records over which curvatures are averaged
-MAX_REMEDIES = 3  # number of remedies that are proposed
+MAX_REMEDIES = 3  # largest number of remedies that are proposed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

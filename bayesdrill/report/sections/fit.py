@@ -39,9 +39,9 @@ from bayesdrill.report.view import Drawing, ReportContext, ReportPart, for_each_
 class Signal:
     """The channel has measured (or NaN) and modelled values `(T,)`.
 
-    `predictive (N, T)` are draws with noise, if any, and `sigma` is that of the noise.  `share` is
-    the unexplained share of the channel's spread, NaN if it is constant.  `dots` are indices of
-    samples that are drawn, evenly spaced.
+    `predictive (N, T)` are draws with noise, or None, and `sigma` is the sd of the noise.  `share` is
+    the unexplained share of the channel's spread, NaN for a constant channel.  `dots` are indices of
+    the evenly spaced samples that are drawn as dots.
     """
 
     label: Symbol
@@ -55,9 +55,9 @@ class Signal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """The course is a measured input or a friction `(T,)`, `straight` between samples or held.
+    """A course has `values (T,)` of a measured input or a friction, held or `straight` between samples.
 
-    A friction at the MAP has a `band (2, T)` of draws, and `sticks` between these times.
+    A friction at the MAP has a `band (2, T)` of draws, and rests between each pair of times in `sticks`.
     """
 
     label: Symbol
@@ -69,10 +69,10 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """The fit is that of an experiment at times `t (T,)`, each part in the unit of its label.
+    """A fit shows an experiment at times `t (T,)`, with each part in the unit of its label.
 
-    `constant` are inputs that do not change, and `rubs` frictions.  `label` is that of one of
-    several experiments.
+    `constant` are inputs that do not change, and `rubs` are frictions.  `label` names the experiment
+    if there are several.
     """
 
     t: Array
@@ -167,14 +167,14 @@ def _channels(
         )
 
 
-DOTS = 3000  # most measured samples that are drawn in a panel
-SHOWN_STRETCHES = 20_000  # stretches of a long record; a figure has the extremes of each
+DOTS = 3000  # largest number of measured samples that are drawn in a panel
+SHOWN_STRETCHES = 20_000  # segments of a long record; a figure has the extremes of each segment
 
 
 def _shown_samples(observation: Observation, models: Array, efforts: Sequence[Array]) -> Indices:
-    """Return all samples of a short record, or else the extremes of short stretches.
+    """Return indices of all samples of a short record, or else of the extremes of short segments.
 
-    Extremes are those of the record, `models (T, K)`, residuals, inputs and `efforts (T,)`.
+    Extremes are taken of the record, `models (T, K)`, residuals, inputs and `efforts (T,)`.
     """
     experiment = observation.experiment
     if len(experiment.t) <= 4 * SHOWN_STRETCHES:
@@ -195,7 +195,7 @@ def measured(y: Array) -> Indices:
 
 
 def extremes(y: Array, most: int) -> Indices:
-    """Return at most `most` indices, with the extremes of each stretch: no peak is lost."""
+    """Return at most `most` indices, with the extremes of each segment, so that no peak is lost."""
     n = len(y)
     if n <= most:
         return np.arange(n)
@@ -207,7 +207,7 @@ def extremes(y: Array, most: int) -> Indices:
 
 
 def corners(u: Array, most: int) -> Indices:
-    """Return where stairs through `u` begin, rise and end; of too many, the `extremes`."""
+    """Return indices at which a held input `u` begins, changes and ends, or `extremes` of too many."""
     changes = np.flatnonzero(np.diff(u)) + 1
     indices = np.unique(np.concatenate([[0, len(u) - 1], changes]))
     return indices if len(indices) <= most else extremes(u, most)
@@ -241,14 +241,14 @@ def _prediction(observation: Observation, full: Array) -> str:
     return text.getvalue()
 
 
-# Heights of panels with their numbers in inches: of inputs or frictions, of signals and, in a figure
-# of one column of text, of the residuals below them.
+# Heights of panels with their axes [in]: of inputs or frictions, and of signals.  Figures as wide as
+# one column of text also have panels of residuals, below the signals.
 WIDE_HEIGHTS, NARROW_HEIGHTS = (0.85, 1.55), (0.65, 1.05, 0.65)
-SHARES = (0.6, 0.4)  # shares of the width, for signals and for residuals
+SHARES = (0.6, 0.4)  # fractions of the figure's width, for signals and for residuals
 
 
 def build_fit_page(fit: Fit, width: float) -> tuple[Figure, list[Axes], list[tuple[Axes, Axes]]]:
-    """Build a page for a fit; times are written at the foot of each column only.
+    """Build a page for a fit; times are written only below the last panel of each column.
 
     Returns panels of inputs and frictions, and a pair for the signals and residuals of each channel.
     """
@@ -275,12 +275,12 @@ def build_fit_page(fit: Fit, width: float) -> tuple[Figure, list[Axes], list[tup
     return figure, [*courses, *rubs], rows
 
 
-LINE_POINTS = 2000  # most points of a line
-SIGMAS = NormalDist().inv_cdf(TAILS[1])  # 1.88: half the width of the band of the noise
+LINE_POINTS = 2000  # largest number of points of a line
+SIGMAS = NormalDist().inv_cdf(TAILS[1])  # 1.88: half the width of the noise band, in sds
 
 
 def fit_figure(fit: Fit, width: float = scales.DOUBLE, at: str = "the MAP") -> Figure:
-    """Draw inputs, and the signals and residuals of each channel of a fit `at` a point, in words."""
+    """Draw inputs, and signals and residuals of each channel of a fit; `at` names the fitted point."""
     t = fit.t
     time = scales.scale(float(t[0]), float(t[-1]), margin=0.01)
     with style.styled(width):

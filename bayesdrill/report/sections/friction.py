@@ -1,4 +1,4 @@
-"""Report friction: its laws over speed, and what it can hardly be distinguished from."""
+"""Report friction: its laws against speed, and parameters that resemble it."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ def speed_symbol(state: str, inertia: InertiaRoles | None, model: Model) -> Symb
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawShown:
-    """The law is a friction over speeds `(G,)` at the MAP, with its band over draws `(2, G)`.
+    """A friction law is shown at `speeds (G,)`: `best (G,)` at the MAP, with a `band (2, G)` of draws.
 
-    It is also given by nominal values, if all its unknowns have one.  `seen (T,)` are recorded speeds.
+    `nominal (G,)` is the law at nominal values, if all its unknowns have one.  `seen (T,)` are recorded.
     """
 
     speed: Symbol
@@ -146,7 +146,7 @@ def _unseen(law: UnseenStiction, model: Model) -> str:
     turns = model.roles.motion.moves
     return (
         f"friction: static friction {law.deeds.where} does not show. Once it {turns}, it never sticks "
-        f"and is never slower than {law.deeds.slowest:.3g} {unit}, while static friction is lost over "
+        f"and is never slower than {law.deeds.slowest:.3g} {unit}, while static friction fades over "
         f"{law.scale:.3g} {unit}. {listed(law.names)} {'is' if len(law.names) == 1 else 'are'} left to "
         f"the prior.{_proposed(law.names[0], law.proposals, model)}"
     )
@@ -178,7 +178,7 @@ def _about(times: float) -> str:
 
 
 BINS = 60
-FOOT = 0.2  # share of a panel for the histogram of speeds
+FOOT = 0.2  # fraction of a panel's height for the histogram of speeds
 HEAD = 1.12  # upper end of an axis, relative to the largest effort
 BEST: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.0}
 SEEN: dict[str, Any] = {"facecolor": style.MIDDLE, "linewidth": 0}

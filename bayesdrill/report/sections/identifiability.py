@@ -35,7 +35,7 @@ SHAPES = {
     "flat": "any value of its prior fits as well: the record does not determine it",
     "at the bound": "the best fit lies at the end of its prior",
 }
-# Limits of a parameter without a trace of its own: beyond them, others would leave their priors.
+# A parameter that the record alone does not determine has limits: beyond, others leave their priors.
 THROUGH_OTHERS = "by the ends of the others' priors; the record alone does not determine it"
 
 
@@ -73,7 +73,7 @@ def describe_study(study: IdentifiabilityStudy, rig: Model, reasons: Sequence[st
 
 
 def structure(study: IdentifiabilityStudy) -> str:
-    """Describe the exact symmetries, and what they leave determined."""
+    """Describe the exact symmetries, and the products that they do not change."""
     structure = study.structure
     names = structure.names
     if not structure.symmetries and not structure.unexplained:
@@ -83,8 +83,8 @@ def structure(study: IdentifiabilityStudy) -> str:
         )
     n = len(structure.symmetries) + structure.unexplained
     lines = [
-        f"structure: {_count(n, 'exact symmetry', 'exact symmetries')}; no record "
-        "of these channels, however long or clean, shows where on it the rig is:"
+        f"structure: {_count(n, 'exact symmetry', 'exact symmetries')}, along which no record "
+        "of these channels, however long or clean, shows where the rig is:"
     ]
     lines += [f"  - {line}" for line in _symmetries(study)]
     if structure.invariants:
@@ -166,7 +166,7 @@ def knowledge(study: IdentifiabilityStudy) -> str:
 
 
 def nuisances(study: IdentifiabilityStudy) -> str:
-    """Describe how well the unknowns without relative deviations would be known, and what is alike."""
+    """Describe how well nuisances would be known, and which unknowns resemble them."""
     if not study.nuisances:
         return ""
     lines = ["other unknowns (standard deviations, SI):"]
@@ -241,7 +241,7 @@ def summarise_study(study: IdentifiabilityStudy) -> str:
 
 
 def _of_each(study: IdentifiabilityStudy) -> str:
-    """Describe what the record determines badly although there is no symmetry."""
+    """Describe the unknowns that the record determines badly although there is no symmetry."""
     named = list(zip(study.names, study.parameters, strict=True))
     loose = [f"{name} to {percent(known.bound)}" for name, known in named if known.bound > WELL]
     left = [name for name, known in named if known.word != "determined"]
@@ -286,7 +286,7 @@ def describe_profiles(
 
 
 def _row(study: IdentifiabilityStudy, known: KnownProduct) -> tuple[str, ...]:
-    # It has no trace of its own, but ratios are known, and the other unknowns have priors.
+    # The record alone does not determine it, but ratios are known, and other unknowns have priors.
     shared = math.isinf(known.bound) and known.word != "left to the prior"
     return (
         f"  {product(study.names, known.exponents)}",
@@ -298,7 +298,7 @@ def _row(study: IdentifiabilityStudy, known: KnownProduct) -> tuple[str, ...]:
 
 
 def percent(sd_of_log: float) -> str:
-    """Return a standard deviation of a log as a percentage; above 1000 % it says little."""
+    """Return a standard deviation of a log as a percentage, without a number above 1000 %."""
     value = 100.0 * sd_of_log
     if value > 1000:
         return "> 1000 %"
@@ -325,7 +325,7 @@ def profile_figure(
     logs: Collection[str] = (),
     width: float = scales.DOUBLE,
 ) -> Figure:
-    """Draw the loss of each parameter, and where it passes 95 %; axes in `logs` are logarithmic."""
+    """Draw the loss of each parameter, and its 95 % interval; parameters in `logs` have log axes."""
     with style.styled(width):
         width = width if len(profiles) > 1 else scales.SINGLE
         figure, panels = build_page(len(profiles), 3, 1.75, width)
@@ -349,7 +349,7 @@ def _panel(
     values, loss = profile.values[shown], profile.loss[shown]
     scale = scales.scale(_edge(values, loss, 0), _edge(values, loss, -1), log=log, margin=MARGIN)
     fine = np.geomspace(values[0], values[-1], 400)
-    from scipy.interpolate import PchipInterpolator  # late: `identify` alone draws it
+    from scipy.interpolate import PchipInterpolator  # imported late: only `identify` needs it
 
     line = PchipInterpolator(np.log(values), loss)(np.log(fine))
     panel.plot(scale(fine), line, color=style.BLACK)
@@ -376,9 +376,9 @@ def _edge(values: np.ndarray, loss: np.ndarray, end: int) -> float:
     return float(values[inner] + np.sqrt(max(share, 0.0)) * (values[end] - values[inner]))
 
 
-BAR, NARROW_BAR = 0.27, 0.42  # inches; in one column of a page labels stand above their bars
+BAR, NARROW_BAR = 0.27, 0.42  # heights of bars [in]; narrow figures have labels above their bars
 LEAST_EXPONENT = 0.15  # smaller exponents are left out of a label
-BEYOND = 30.0  # how far the axis reaches past the largest finite sd
+BEYOND = 30.0  # factors of the axis above the largest finite sd, and below the smallest
 
 
 def spectrum_figure(

@@ -44,7 +44,7 @@ REPEATS_EXPLAINED = (
 
 
 def repeats_sentence(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> str:
-    """Describe whether the experiments agree; empty if there are not two that could differ."""
+    """Describe whether the experiments agree; empty if no product could be compared."""
     if not repeats:
         return ""
     far = [repeat for repeat in repeats if repeat.differs]
@@ -54,13 +54,13 @@ def repeats_sentence(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -
             f"({count_noun(len(repeats), 'product')} compared)."
         )
     each = ", ".join(
-        f"{product(names, repeat.exponents)} by {percent(repeat.spread)} (they know it to "
+        f"{product(names, repeat.exponents)} by {percent(repeat.spread)} (sds of "
         f"{percent(min(repeat.sds))} to {percent(max(repeat.sds))})"
         for repeat in sorted(far, key=lambda repeat: repeat.p)
     )
     return (
-        f"experiments: they do not show the same rig: {each}. The joint posterior is too sure. The rig "
-        "changed between them, or the model lacks an effect. `own: [...]` lets a parameter differ."
+        f"experiments: they do not show the same rig: {each}. The sds of the joint posterior are too "
+        "small. The rig changed, or the model lacks an effect. `own: [...]` lets a parameter differ."
     )
 
 
@@ -84,15 +84,15 @@ SHORT = ("", "nominal", "mean", "dev. %", "tension", "beyond tol.", "bits", "ver
 VERDICT_EXPLAINED = (
     "All in SI. First come products of powers, which the record can show, then the parameters by "
     "themselves. `dev. %` is the deviation of the posterior mean from the nominal value. `tension` "
-    "is the distance of the nominal value from the posterior, in sigma. With a tolerance `tol. %` "
-    "it counts from the nearest value within. `beyond tol.` is the probability that the deviation "
-    "exceeds the tolerance. `sd/prior` is the standard deviation of the log over that of the "
-    "prior. `bits` is the information gained on the prior: one bit halves a range."
+    "is the distance of the nominal value from the posterior, in sigma. With a tolerance `tol. %`, "
+    "it is that of the nearest value within the tolerance. `beyond tol.` is the probability that the "
+    "deviation exceeds the tolerance. `sd/prior` is the standard deviation of the log divided by "
+    "that of the prior. `bits` is the information gained on the prior: one bit halves a range."
 )
 
 
 def verdict_rule(verdict: Verdict) -> str:
-    """Describe what the words of the verdict mean."""
+    """Define the terms of the verdict."""
     return (
         f"*disagrees*: more than {verdict.limit:.2f} sigma. If the table were right within its "
         f"tolerances, at most {100 * FALSE_ALARM:g} % of records would show a disagreement of any "
@@ -109,7 +109,7 @@ def verdict_rows(verdict: Verdict) -> tuple[Quantity, ...]:
 
 
 def verdict_table(verdict: Verdict) -> Table:
-    """Return the table of the verdict, whose columns of tolerances may be missing."""
+    """Return the table of the verdict; columns of tolerances are left out if they are empty."""
 
     def cells(quantity: Quantity) -> dict[str, str]:
         low, high = (100 * end for end in quantity.tolerance)
@@ -162,7 +162,7 @@ def quantity_name(verdict: Verdict, quantity: Quantity) -> str:
 def invariants_figure(
     verdict: Verdict, draws: Array, mode: Array, symbols: Sequence[Symbol], width: float = DOUBLE
 ) -> Figure:
-    """Draw the determined products, or all if none is; `draws (N, D)` and the MAP are in SI."""
+    """Draw products that are determined, or else all; `draws (N, D)` and the MAP are in SI."""
     sure = [q for q in verdict.products if q.says != "not determined"]
     selected = sure or list(verdict.products)
     deviations = tuple(
@@ -246,7 +246,7 @@ def _table_mark(verdict: Verdict, table: str) -> Badge:
 
 
 def run_verdict(run: ReportContext) -> str:
-    """Describe the verdict in a line, then what it rests on; empty if nothing is compared."""
+    """Describe the verdict in a line, then its conditions; empty if nothing is compared."""
     judged, rig = run.analysis.judged, run.problem.model
     if judged is None:
         return ""
@@ -283,7 +283,7 @@ def verdict_sentences(
     rests: Sequence[DependsOnFixed] = (),
     units: DisplayUnits = SI,
 ) -> str:
-    """Say the verdict in a sentence, then what it depends on and what stays undecided.
+    """Return the verdict in a sentence, then its conditions and the undecided quantities.
 
     `believed` is false if the run must not be believed, `records` is the number of experiments, and
     `lacking` names what the model may miss.
@@ -384,8 +384,8 @@ def _undecided(verdict: Verdict, units: DisplayUnits) -> Iterator[str]:
         ),
         "Cannot judge": (
             verdict.saying("cannot judge"),
-            f"The prior {', that '.join(ends)}; widen it. Hardly a draw can lie beyond, whatever the "
-            "record says of the nominal value.",
+            f"The prior {', that '.join(ends)}; widen it. Hardly any draw can pass the nominal value, "
+            "whatever the record shows.",
         ),
     }
     for said, (quantities, why) in reasons.items():

@@ -1,4 +1,4 @@
-"""Show several runs over each other: a table, a corner plot, and rows of intervals."""
+"""Show several runs together: in a table, a corner plot, and rows of intervals."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ FAR = 0.5  # distance in sds below which no unknown is named
 APART = "apart [sd]"
 OVERLAY_READ = (
     "Mean and sd of each run, in the unit of the first. "
-    f"`{APART}` is the largest difference of two means over the root mean square of their sds. Two "
-    "independent records of one rig are more than 2.8 apart once in twenty times by chance. Runs of one "
+    f"`{APART}` is the largest difference of two means, divided by the root mean square of their sds. "
+    "For two independent records of one rig, chance exceeds 2.8 in one of twenty cases. Runs of one "
     "record differ by their priors, held values and models."
 )
 COLUMNS = ("name", "unit", "run", "nominal", "mean", "sd", *HDI_ENDS, "held", "apart")
@@ -138,12 +138,12 @@ def elided(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[: left // 2]}...{text[-(left - left // 2) :]}"
 
 
-MAX_NAME_LETTERS = 48  # most letters of a name in a legend
+MAX_NAME_LETTERS = 48  # largest number of letters of a name in a legend
 
 
 @dataclass(frozen=True, slots=True)
 class RunStyle:
-    """The style of a run has a colour, and those of two runs print as different greys."""
+    """A style distinguishes a run; colours of different runs print as different greys."""
 
     color: str
     linestyle: Any
@@ -181,7 +181,7 @@ def run_looks(layers: Sequence[PosteriorSummary], *, marked: bool = False) -> di
 CENTRAL_SHARE = 0.998  # share of the draws of each run inside an axis
 CORNER_REACH = 0.5  # the axis grows by this share of its width at most to show the nominal value
 BINS = 40  # bins across an axis
-MIN_FILLED_SHARE = 0.02  # share of an axis below which a histogram would be a spike
+MIN_FILLED_SHARE = 0.02  # smallest share of an axis that counts for the number of bins
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +199,7 @@ def overlay_corner_figure(
 ) -> Figure:
     """Draw a corner of the unknowns that two runs or more have, `rows` in SI.
 
-    A run is left out of panels of unknowns that it does not have.
+    A panel omits runs that lack one of its unknowns.
     """
     columns = [_column(row, layers, display_units) for row in rows if row.shared]
     with style.styled():
@@ -277,18 +277,18 @@ def _corner_looks(
     return run_looks(layers) | nominal | dict.fromkeys(notes, style.WORDS)
 
 
-INTERVALS_REACH = 1.0  # how far an axis may grow for the nominal value, in widths
+INTERVALS_REACH = 1.0  # largest growth of an axis to show the nominal value, in widths of the axis
 INTERVAL_BAR: dict[str, Any] = {"linewidth": 1.2, "marker": "|", "markersize": 5}
 FIXED_MARKER: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.2}
 NARROWEST = f"narrowest {CREDIBLE} interval"
-RUN_HEIGHT, AXIS_HEIGHT = 0.18, 0.65  # inches: of a run in a panel, and of its axis and margins
-MARGIN = 1.1  # above and below the runs of a panel, in heights of a run
+RUN_HEIGHT, AXIS_HEIGHT = 0.18, 0.65  # heights [in] of a run, and of a panel's axis and margins
+MARGIN = 1.1  # free height above and below the runs of a panel, in heights of a run
 
 
 def intervals_figure(
     layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: DisplayUnits
 ) -> Figure:
-    """Draw intervals of all unknowns, `rows` in SI; a run without one leaves a gap."""
+    """Draw intervals of all unknowns, `rows` in SI; a run without the unknown leaves a gap."""
     scaled_rows = [scaled_row(row, layers, display_units) for row in rows]
     n = len(layers)
     with style.styled():

@@ -1,4 +1,4 @@
-"""Report the unknowns: their tables, and their priors beside their posteriors."""
+"""Report the unknowns: their tables, and figures that compare priors with posteriors."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from bayesdrill.report.style import Axes, Figure
 from bayesdrill.report.view import Drawing, ReportContext, ReportPart
 from bayesdrill.sampling.mode_search import Mode
 
-# The heads of all columns of a table of unknowns, and the text of a row in each.
+# Heads of the columns in the table of unknowns, with functions that return the text of a cell.
 COLUMNS: Mapping[str, Callable[[ParameterRow], str]] = {
     "": lambda row: row.name,
     "unit": lambda row: plain(row.unit),
@@ -77,8 +77,8 @@ def of_rows(rows: Sequence[ParameterRow], bars: tuple[IntervalBar, ...] = ()) ->
 
 
 SANDWICH_EXPLAINED = (
-    "Correlated residuals have less information than as many independent ones. The sandwich sds allow "
-    "for that. They are the scatter of the MAP from record to record, if only the noise were wrong."
+    "Correlated residuals contain less information than equally many independent residuals. Sandwich "
+    "sds allow for that: they are sds of the MAP over repeated records if only the noise model is wrong."
 )
 
 
@@ -88,7 +88,7 @@ def sandwich_table(
     windows: Sequence[Sequence[FittedValue]],
     display_units: DisplayUnits,
 ) -> Table:
-    """Return the posterior's sds beside `sds`, SI, and the ends of refits on `windows`."""
+    """Build a table of posterior sds, of sandwich `sds` [SI], and of the ranges of `windows`' refits."""
     refits = (f"MAP of {len(windows)} windows",) if any(windows) else ()
     heads = ("", "unit", "sd", "sd if residuals remember (sandwich)", "over sd", *refits)
     lines = []
@@ -124,7 +124,7 @@ def mode_rows(problem: Problem, mode: Mode) -> tuple[ModeRow, ...]:
 
 
 def of_mode(rows: Sequence[ModeRow]) -> Table:
-    """Return a table of the MAP beside the nominal values."""
+    """Return a table of the MAP and the nominal values."""
     columns: dict[str, Callable[[ModeRow], str]] = {
         "": lambda row: row.name,
         "unit": lambda row: plain(row.unit),
@@ -167,12 +167,12 @@ def believed_columns(run: ReportContext, table: Table) -> Table:
     return table.only([head for head in table.heads if not (run.reasons and head in WORDS)])
 
 
-TAIL = 0.001  # probability of a prior outside the range on each side
-DECADES = 1.5  # decades above which a log-uniform range has a logarithmic axis
+TAIL = 0.001  # probability of a prior beyond each end of its bar
+DECADES = 1.5  # the bar of a wider log-uniform prior is logarithmic
 
 
 def interval_bar(row: ParameterRow, prior: Prior) -> IntervalBar:
-    """Return the bar that a page draws for an unknown beside its prior."""
+    """Return the bar that shows the interval of an unknown within its prior."""
     shown = [row.hdi_low, row.hdi_high, row.map]
     ends = [float(x) for x in prior.quantile(np.array([TAIL, 1 - TAIL]))]
     every = [*shown, *ends, *([] if row.nominal is None else [row.nominal])]
@@ -195,15 +195,15 @@ _HEADS = (
 )
 _NOMINAL = _HEADS.index("nominal")
 _USUAL = range(-1, 3)  # exponents of numbers that are written without a power of ten
-_BEYOND = re.compile(r"[^\x00-\x7f]+")  # ASCII; in names, and in LaTeX outside of formulas alone
+_BEYOND = re.compile(r"[^\x00-\x7f]+")  # characters beyond ASCII, which need \text in formulas
 
 
 def latex_table(
     rows: Sequence[ParameterRow], symbols: Sequence[Symbol], *, believed: bool = True
 ) -> str:
-    """Return a `tabular` for a table of one's own, with two digits of each sd.
+    """Return a LaTeX `tabular` of the unknowns, with two digits of each sd.
 
-    The judgements of the record are left out if they must not be `believed`.
+    The column of judgements is left out if the run must not be `believed`.
     """
     named = {symbol.name: symbol for symbol in symbols}
     shown = [True] * len(_HEADS)
@@ -245,7 +245,7 @@ def _exponent(x: float) -> int:
     return math.floor(math.log10(x)) if x > 0 else 0
 
 
-TAIL = 0.001  # probability beyond the axis of a prior without an end
+TAIL = 0.001  # prior probability beyond the axis, if the prior has no end
 BINS = 60
 HEAD = 1.12  # upper end of a panel, relative to the highest density
 DARK_PRIOR: dict[str, Any] = {**style.PRIOR_LINE, "color": style.DARK}
@@ -260,7 +260,7 @@ BOX = style.fix_look(
 def prior_posterior_figure(
     draws: Array, shown: DisplayedUnknowns, width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw priors and draws `(N, D)` of what is `shown`, over the range of each prior."""
+    """Draw priors and draws `(N, D)` of the unknowns `shown`, for the range of each prior."""
     symbols = shown.symbols
     width = width if len(symbols) > 1 else scales.SINGLE
     with style.styled(width):
@@ -296,7 +296,7 @@ def _densities(panel: Axes, scale: scales.Scale, x: Array, prior: Prior) -> None
 
 
 def prior_ends(prior: Prior, x: Array) -> tuple[float, float]:
-    """Return the ends of a prior, or else a range of nearly all of it and of the draws."""
+    """Return the ends of a prior, or else of a range with nearly all its mass and all draws."""
     low, high = (float(q) for q in prior.quantile(np.array([TAIL, 1 - TAIL])))
     low = prior.low if prior.low > 0 else min(low, float(x.min()))
     high = prior.high if np.isfinite(prior.high) else max(high, float(x.max()))
@@ -332,10 +332,10 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
 
 SIZE = 3.4  # size of the figure in inches
 POINTS = 3000
-REACH, CORNERS = 1e4, 4001  # the line is drawn over this factor, and cut by the axes
+REACH, CORNERS = 1e4, 4001  # factor to both sides, and number of points, of the drawn line
 BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 6.0, "solid_capstyle": "butt"}
 DOTS: dict[str, Any] = {**style.DOTS, "markersize": 1.8, "alpha": 0.6, "zorder": 3}
-MIN_CORRELATION = 0.5  # least correlation of a pair that is shown
+MIN_CORRELATION = 0.5  # smallest correlation along a symmetry of a pair that is shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -354,7 +354,7 @@ def strongest_pair(draws: Array, structure: ScalingStructure) -> CorrelatedPair 
         used = [k for k, exponent in enumerate(symmetry) if exponent]
         for i, j in itertools.combinations(used, 2):
             p, q = symmetry[i], symmetry[j]
-            # It is 1 if draws differ only along the symmetry, and 0 if they do not follow it.
+            # `along` is 1 if draws differ only along the symmetry, and 0 if they do not follow it.
             along = 2 * p * q * spread[i, j] / (q**2 * spread[i, i] + p**2 * spread[j, j])
             if along > best:
                 best, strongest = float(along), CorrelatedPair((i, j), (p, q))
@@ -362,7 +362,7 @@ def strongest_pair(draws: Array, structure: ScalingStructure) -> CorrelatedPair 
 
 
 def ridge_figure(draws: Array, pair: CorrelatedPair, shown: DisplayedUnknowns) -> Figure:
-    """Draw the ridge of draws `(N, D)` of what is `shown`; the exact line passes through the MAP."""
+    """Draw the ridge of draws `(N, D)` of unknowns `shown`; the exact line passes through the MAP."""
     factor, some = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
     box, line, dots, cross, marks = [], [], [], [], []
     with style.styled():

@@ -36,7 +36,7 @@ def derived_table(rows: Sequence[DerivedRow], meanings: Mapping[str, str]) -> Ta
     def cells(row: DerivedRow) -> dict[str, str]:
         part = "" if row.share == 1.0 else f"; {100 * (1 - row.share):.2g} % of the draws have none"
         ratio = abs(row.mean) / row.sd if row.sd > 0 else 1.0
-        digits = max(4, min(12, 2 + math.ceil(math.log10(max(ratio, 1.0)))))  # to show the sd
+        digits = max(4, min(12, 2 + math.ceil(math.log10(max(ratio, 1.0)))))  # for the sd
         return {
             "": row.name,
             "unit": plain(row.unit),

@@ -24,17 +24,17 @@ from bayesdrill.report.view import Drawing, ReportContext, ReportPart, for_each_
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import ROTARY
 
-BINS = 24  # most bins of a panel, as each needs some samples
-FEWEST = 5
+BINS = 24  # largest number of bins of a panel
+FEWEST = 5  # smallest number of samples of a bin that is shown
 TORQUE = Symbol("d", "N*m", "d", r"N\,m", "missing torque")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Against:
-    """The record has a quantity that a torque may follow, with its `values (T,)`.
+    """A quantity that a torque may follow, named by `label`, has `values (T,)` in the record.
 
-    Bins with these `centres (B,)` have means `(B,)` of the torque, with a `band (2, B)` of the means
-    of draws.
+    In bins with `centres (B,)`, `means (B,)` are those of the expected torque, and `band (2, B)` is
+    the band of the means of draws.
     """
 
     label: Symbol
@@ -79,14 +79,14 @@ def _binned(torque: TorqueEstimate, label: Symbol, values: Array) -> Against:
 
 
 HARMLESS = 0.5  # relative to the noise: admissible error of the linear approximation
-FULL = 0.95  # share of the samples above which the rest is not mentioned
-WIDE = 3.0  # factor of a proposed prior to both sides
+FULL = 0.95  # share of samples in motion, above which the other samples are not mentioned
+WIDE = 3.0  # a proposed prior reaches from size / WIDE to size * WIDE
 HEADS = ("channel", "left without it", "left with it", "moved by it")
 READ = (
-    "Root mean squares over the spread of the channel, at the mean of the draws. *left with it*: what "
-    "remains when the torque is known from all samples; with a right model that is the noise of the "
-    "sensor. *moved by it*: its share of the motion. `torque.csv` has it sample by sample, and the "
-    "figure `torque` shows it."
+    "Root mean squares divided by the spread of the channel, at the mean of the draws. *left with it*: "
+    "residuals with the torque that all samples determine; with a right model, they are sensor noise. "
+    "*moved by it*: the torque's effect on the channel. `torque.csv` has the torque at each sample, and "
+    "the figure `torque` shows it."
 )
 
 
@@ -110,16 +110,16 @@ def beside(rig: Model) -> str:
     """Describe the approximation for a rig that is not linear, before anything is sampled."""
     if rig.saturation and not rig.frictions:
         return (
-            "missing torque: beside a servo that saturates it is an approximation, as if it "
-            "never did. It is good as far as the torque moves it little."
+            "missing torque: with a servo that saturates it is an approximation, as if the servo "
+            "never did. It is good if the torque moves the servo little."
         )
     if not rig.frictions:
         return (
-            "missing torque: beside gravity it is an approximation, as if a pendulum were a spring. It "
+            "missing torque: with gravity it is an approximation, as if a pendulum were a spring. It "
             "is good if the torque moves the pendulum little."
         )
     return (
-        "missing torque: beside friction it is an approximation, as if no friction changed its sign. A "
+        "missing torque: with friction it is an approximation, as if no friction changed its sign. A "
         "torque much smaller than the friction is estimated well. For a larger one leave the friction "
         "out: the torque then shows it."
     )
@@ -138,8 +138,8 @@ def strayed(summary: TorqueSummary, rig: Model) -> str:
         what, unsure = "friction", "Friction"
         then = ". Leave the friction out: the torque then shows it"
     said = (
-        f"missing torque: beside {what} it is an approximation. The rig with {what}, and with this "
-        f"torque as an input, moves differently by {parts} of the noise, rms"
+        f"missing torque: with {what} it is an approximation. The rig with {what}, and with this "
+        f"torque as an input, moves differently by {parts} sds of the noise, rms"
     )
     if max(course.strayed for course in every) <= HARMLESS:
         return f"{said}, which does little harm"
@@ -147,7 +147,7 @@ def strayed(summary: TorqueSummary, rig: Model) -> str:
 
 
 def law_sentences(summary: TorqueSummary, rig: Model) -> str:
-    """Describe what the torque follows, a line each, and what that would be in the equations."""
+    """Describe the laws that the torque follows, a line each, and the equivalent parameters."""
     every, torque = summary.follows, rig.roles.motion.torque
     taken = [_line(summary, law, rig) for law in every if law.taken]
     if taken:
@@ -205,8 +205,8 @@ def stand_ins(study: IdentifiabilityStudy, rig: Model) -> str:
     for *others, size in study.scaled:
         every = listed(others)
         lines.append(
-            f"missing torque: {every} and {size} can be changed together and leave every measured "
-            "signal as it is. A stiffer spring with a larger torque cannot be distinguished from a "
+            f"missing torque: {every} and {size} can be changed together without changing any measured "
+            "signal. A stiffer spring with a larger torque cannot be distinguished from a "
             f"softer one with a smaller torque. Hold one of {every}, or measure the torque."
         )
     do = {"hold": "holding", "measure": "a sensor of"}
@@ -217,8 +217,8 @@ def stand_ins(study: IdentifiabilityStudy, rig: Model) -> str:
         would = f" What would show it: {', or '.join(ways)}." if ways else ""
         lines.append(
             f"missing torque: {_where(confounding.at, rig)} it can stand in for {confounding.name}: the "
-            f"sd of log {confounding.name} is {confounding.sd:.2g} with it, {confounding.alone:.2g} "
-            f"without it, {confounding.before:.2g} before the record.{would}"
+            f"sd of log {confounding.name} is {confounding.sd:.2g} with the torque, "
+            f"{confounding.alone:.2g} without it, {confounding.before:.2g} by the prior.{would}"
         )
     return "\n".join(lines)
 
@@ -247,7 +247,7 @@ def torque_csv(every: Sequence[TorqueEstimate]) -> str | None:
     return section.lines_as_csv(lines)
 
 
-TORQUE_POINTS = 1200  # most points of a line over time, and dots of a panel
+TORQUE_POINTS = 1200  # largest number of points of a line over time, and of dots in a panel
 
 
 def torque_figure(torque: TorqueEstimate, width: float = scales.DOUBLE, *, clock: Unit) -> Figure:

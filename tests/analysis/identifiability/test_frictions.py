@@ -141,7 +141,7 @@ def test_static_friction_of_a_rig_that_never_slows_down_is_left_to_the_prior() -
     assert unseen.deeds.slowest > 9.0
     text = friction_sentences(result, RIG)
     assert "static friction at the motor does not show" in text
-    assert "lost over 3 rad/s. t_sm and w_sm are left to the prior" in text
+    assert "fades over 3 rad/s. t_sm and w_sm are left to the prior" in text
     assert "so low a voltage half-way that it stops (" in text
     for amplitude in (1.2, 2.5):  # it sticks, or turns slowly
         assert confounding(believed(*STATIC, amplitude * np.sin(2 * T))).unseen == ()

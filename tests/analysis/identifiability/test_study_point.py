@@ -70,7 +70,7 @@ def test_a_rig_that_rests_at_the_start_is_studied_where_it_moves(
     assert f"in the record it does ({channel})" in findings.text
     words = zip(findings.study.names, (x.word for x in findings.study.parameters), strict=True)
     assert determined <= {name for name, word in words if word == "determined"}
-    assert "the likeliest of 128 draws from the priors" in findings.text
+    assert "the most probable draw with motion, of 128 draws from the priors" in findings.text
     for name, value in zip(case.unknowns, findings.point.theta.tolist(), strict=True):
         assert f"{name} = {value:.4g}" in findings.text
     before, _, _ = case.preview().partition("timing: ")

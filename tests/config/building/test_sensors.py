@@ -166,11 +166,9 @@ def test_a_missing_torque_beside_friction_is_said_to_be_an_approximation(tmp_pat
     given, rubbing = (prepare(shaken(tmp_path, *x)).problem for x in ((), (friction,)))
     assert not is_approximate(given.posterior)
     assert is_approximate(rubbing.posterior)
-    assert "beside friction it is an approximation" in beside(rubbing.model)
+    assert "with friction it is an approximation" in beside(rubbing.model)
     pendulum = Train(inertias=("arm",), drives={"arm": "torque"}, gravity=("arm",))
-    assert "beside gravity it is an approximation, as if a pendulum were a spring" in beside(
-        pendulum
-    )
+    assert "with gravity it is an approximation, as if a pendulum were a spring" in beside(pendulum)
 
 
 def test_a_record_is_simulated_with_a_missing_torque(tmp_path: Path) -> None:
