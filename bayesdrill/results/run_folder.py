@@ -299,7 +299,7 @@ class Folder:
         if run is None and output_files.digest(path) == known.get(name):
             return
         whose = f"run {run}" if run else "an unknown run (an older version wrote it)"
-        message = f"is of {whose}, not of this run {self.run}; put back its own, or {AGAIN}"
+        message = f"is of {whose}, not of run {self.run}; put back its own, or {AGAIN}"
         raise InputError.at(str(path), message)
 
     def path_of(self, name: str) -> Path:

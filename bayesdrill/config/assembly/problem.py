@@ -52,7 +52,7 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         parts.append(replace(observed, parameters=parameters, noise_names=names))
     unknowns = case.space([*sensor_numbers.values()], [*noise_unknowns.values()])
     if not unknowns.unknowns:
-        message = "no parameter is unknown; give one of them a prior, or only simulate a record"
+        message = "no parameter is unknown; give at least one of them a prior, or only simulate"
         raise case.source.error(("parameters",), message)
     posterior = Posterior(
         space=unknowns,

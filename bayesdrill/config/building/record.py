@@ -25,7 +25,7 @@ def check_record(errors: IssueCollector, config: Config) -> None:
     for (_, end), (begin, _) in itertools.pairwise(spans):
         if not end < begin:
             message = f"a window that begins at {begin:g} s stands after one that ends at {end:g} s"
-            errors.add(("record", "window"), f"{message}; sort windows, and let none overlap")
+            errors.add(("record", "window"), f"{message}; put them in order, without overlap")
 
 
 def check_series(errors: IssueCollector, location: Location, spec: Series) -> None:

@@ -62,8 +62,8 @@ def row_mask(sources: Sources, location: Location, spec: Series, clock: Clock) -
         in_span = (values >= first - slack) & (values <= last + slack)
         if not in_span.any():
             message = (
-                f"no sample lies from {first:g} to {last:g}{unit}: the samples go from {values[0]:g} to "
-                f"{values[-1]:g}{unit}; correct the two numbers, the smaller first, or remove them"
+                f"no sample lies from {first:g} to {last:g}{unit}: used samples go from {values[0]:g} "
+                f"to {values[-1]:g}{unit}; correct the two numbers, the smaller first, or remove them"
             )
             sources.add((*location, "mask", entry, k), message)
         masked_rows |= in_span

@@ -93,5 +93,5 @@ class CampaignSpec(Strict):
     overrides: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """Entries of the config that differ in a run, by the name of the run."""
     effort: Annotated[int, Field(ge=100, le=100_000)] = 500
-    """Number of effective posterior draws of each run."""
+    """Number of effective draws from the posterior of each run."""
     simulation: CampaignSimulation | None = None

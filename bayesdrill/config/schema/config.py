@@ -148,7 +148,8 @@ class Simulation(NamedSection):
 
     __pydantic_extra__: dict[str, Number | None]
 
-    duration: Positive | None = Field(None, description="[s]; default: the times of the record.")
+    duration: Positive | None = None
+    """Duration of the record [s]; default: the times of the record."""
     rate: Positive | None = Field(None, description="Sampling rate [Hz].")
     sigma: dict[str, Positive] = Field(default_factory=dict)
     """True sigma of each channel whose sigma is unknown."""
@@ -212,9 +213,9 @@ class IdentifySpec(Strict):
     of_interest: list[str] = Field(default_factory=list)
     """Remedies are ranked by the uncertainty of these parameters; default: all unknown ones."""
     determined: Annotated[float, Field(gt=0, lt=1)] = 0.5
-    """A parameter is determined if posterior sd / prior sd is below this number."""
+    """A parameter is determined if posterior sd / prior sd of its logarithm is below this number."""
     left_to_prior: Annotated[float, Field(gt=0, le=1)] = 0.9
-    """A parameter is left to the prior if posterior sd / prior sd is not below this number."""
+    """A parameter is left to the prior if this ratio is not below this number."""
 
     def classify(self, ratio: float) -> Identification:
         """Return the class of a ratio of posterior to prior sd, both of logarithms."""

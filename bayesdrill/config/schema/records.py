@@ -220,7 +220,7 @@ class OutputSpec(Strict):
     size: Literal["single", "double"] = "double"
     """Width of figures: `single` is one text column (3.4 in), `double` is two (7 in)."""
     formats: Annotated[list[Format], Field(min_length=1, max_length=3)] | None = None
-    """Default: png for reports; png and pdf for corner plots, `map`, `identify`, `calibrate`."""
+    """Figure formats; default: png; also pdf for corner plots, `map`, `identify`, `calibrate`."""
     dpi: Annotated[int, Field(ge=50, le=1200)] = 220
     """Resolution [pixels/inch] of png files, and of point clouds in pdf and svg files."""
 
@@ -331,7 +331,7 @@ class ExperimentSpec(Strict):
     initial: dict[str, Any] | str = Field(default_factory=dict)
     """Entries as in `initial:`."""
     parameters: dict[str, Any] = Field(
-        default_factory=dict, description="Parameters that this experiment fixes."
+        default_factory=dict, description="Parameters fixed here, by numbers or formulas."
     )
     held_out: bool = False
     """If true, this experiment is not fitted; `compare` scores how well each model predicts it."""
