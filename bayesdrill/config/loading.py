@@ -35,7 +35,7 @@ _FILE = "x.csv"  # stands for a missing name of the record's file
 
 
 def _stand_ins(words: Vocabulary) -> dict[Location, Any]:
-    """Return substitutes for missing or invalid entries, so that the others can be checked."""
+    """Return substitutes for missing or invalid entries, so that other entries can be checked."""
     state = next(iter(words.states.values()))
     return {
         ("name",): "x",

@@ -21,7 +21,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 def without_sensors(
     experiment: Experiment, sensing: ObservationModel, numbers: Iterable[ParsedNumber]
 ) -> Experiment:
-    """Return the experiment with gains and offsets corrected; unknown ones have their starts."""
+    """Return the experiment corrected for gains and offsets, with start values of unknown ones."""
     values = {n.name: n.value if isinstance(n.value, float) else n.start for n in numbers}
     y = experiment.y.copy()
     for k, channel in enumerate(experiment.channels):

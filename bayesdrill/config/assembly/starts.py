@@ -23,7 +23,7 @@ SPEED_QUANTILE = 0.99  # quantile of an angle's difference quotients that counts
 def free_start(name: str, experiment: Experiment, model: Model, values: Named) -> ParsedNumber:
     """Return a normal prior of a free initial state: the mean is the first sample, sd = 2 width.
 
-    The width is the range (max - min) of channels with the state's unit. Without them, it is the
+    The width is the range (max - min) of channels of the state or of its kind, or else the
     equilibrium under the inputs at the parameters `values`. Raises `ValueError` for a zero width.
     """
     symbol = model.symbols[name]
@@ -34,7 +34,7 @@ def free_start(name: str, experiment: Experiment, model: Model, values: Named) -
         width = _driven_width(name, experiment, model, values)
     if not (math.isfinite(width) and width > 0):
         way_out = f"give it a prior, such as `{name}: {{prior: normal, mean: 0, sd: 1}}`"
-        silent = f"no channel says how far {name} may be from zero at the start"
+        silent = f"no channel shows how large {name} may be at the start"
         raise ValueError(f"{silent}; {way_out}")
     prior = TruncatedNormal(middle, FREE_START_WIDTH * width, -math.inf, math.inf)
     shown = symbol_of_state(model, name)
@@ -58,7 +58,7 @@ def _measured_start(state: Symbol, experiment: Experiment) -> tuple[float, float
 
 
 def _span_of_unit(experiment: Experiment, unit: str) -> float:
-    """Return the range of states with this unit; angles are estimated from speeds if need be."""
+    """Return the range of states with this unit, also from channels of their speeds or angles."""
     if unit in SPEED_UNITS:
         if spans := [float(np.ptp(y)) for _, y in _channels_of_unit(experiment, unit)]:
             return max(spans)

@@ -28,7 +28,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalNumbers:
-    """The local numbers of an experiment define its sensors, start, noise and missing torque."""
+    """The local numbers of an experiment define sensors, initial state, noise and torque."""
 
     # None stands for a prior from the record, and for a number with a mistake.
     numbers: Mapping[str, float | Prior | Unknown | None]
@@ -122,7 +122,7 @@ class ResolvedCase:
     def space(
         self, sensors: Sequence[ParsedNumber] = (), noise: Sequence[Unknown] = ()
     ) -> ParameterSpace:
-        """Return the unknowns: parameters, quantities, `sensors` (with starts), then `noise`.
+        """Return the parameter space: parameters, quantities, `sensors` (with starts), then `noise`.
 
         Raises `RelationError`.
         """

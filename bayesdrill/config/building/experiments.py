@@ -38,7 +38,7 @@ def split_experiments(source: Source) -> dict[str, Source]:
 
 
 def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str, Any]:
-    """Return the joint config: entries of the first experiment, and `experiments:` with all."""
+    """Return the joint config: entries of the first experiment, and `experiments:` with each."""
     named = source.data[EXPERIMENTS]
     named = dict(named) if isinstance(named, Mapping) else named
     first = next(iter(sources.values()), source)
@@ -55,7 +55,7 @@ def joint_name(config: Config, name: str, label: str) -> str:
 
 
 def experiment_source(source: Source, label: str, local: Mapping[str, Any]) -> Source:
-    """Return the source of one experiment, with its `local` entries in place of the common ones."""
+    """Return the source of one experiment, with `local` entries in place of common entries."""
     data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, *SHARING_KEYS)}
     data = copy.deepcopy(data)
     for section in [name for name in (*SECTIONS, PARAMETERS) if name in local]:
@@ -165,13 +165,13 @@ def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel
             location: Location = ("simulation", "sigma", name)
             errors.expect(location, name, channels, "there is no such channel")
     for name in simulation.truth if simulation else ():
-        message = "a sensor, a start, a noise or an experiment has no such unknown"
+        message = "no sensor, initial state, noise or experiment has such an unknown"
         known_names = _truth_names(config, by_label)
         errors.expect(("simulation", "truth", name), name, known_names, message)
 
 
 def _truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
-    """Return the names of unknowns other than parameters that `simulation.truth` may contain."""
+    """Return the names that `simulation.truth` may contain: `own` parameters, and local numbers."""
     pairs = [(label, name) for label in by_label for name in config.own]
     if config.missing_torque is not None:
         pairs += [(label, name) for label in by_label for name in TORQUE_ENTRIES]

@@ -45,7 +45,7 @@ def free_states(config: Config, model: Model) -> tuple[str, ...]:
 
 
 def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
-    """Check a steady start: the inputs determine all states except one angle, free to choose."""
+    """Check a steady start: the inputs determine all states except one free angle."""
     if not model.smooth:
         how = "with dry friction" if model.frictions else "that swings"
         how = how if model.frictions or model.gravities else "that may saturate"
@@ -59,5 +59,5 @@ def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
             message = "the steady state gives it; remove this entry, or `state: steady`"
             errors.add(("initial", name), message)
     for name in angles[1:]:
-        both = f"the steady state gives the twist, and {angles[0]} the rest"
+        both = f"the steady state gives the twist, and {angles[0]} all other angles"
         errors.add(("initial", name), f"{both}; remove one of the two")

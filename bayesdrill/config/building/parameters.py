@@ -65,7 +65,7 @@ class RigNumbers:
         return resolve_relations(related)
 
     def space(self) -> ParameterSpace:
-        """Return the unknowns of one experiment alone; see `ResolvedCase.space`."""
+        """Return the parameter space of this experiment alone; see `ResolvedCase.space`."""
         return joint_space([("", self, {name: name for name in self.parameters})])
 
 
@@ -156,7 +156,7 @@ def parse_parameter(
         return ParsedNumber(symbol=symbol, role="rig", value=fixed, start=fixed)
     if spec.relative and value is None:
         way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
-        raise ValueError(f"{no_table}, to be relative to; give {way_out}")
+        raise ValueError(f"{no_table}, so the prior cannot be relative; give {way_out}")
     keeps_sign = symbol.unit != "rad" and spec.numbers.get("mean", 0.0) > 0.0  # e.g. friction
     families = PRIORS if keeps_sign and spec.family == "normal" else spec.families
     built, upper_limit = build_prior(spec, value, families), symbol.at_most

@@ -81,7 +81,7 @@ def rows_after_jumps(clock: Clock, inputs: list[RecordColumn]) -> Mask:
 
 
 def unwrap(sources: Sources, column: RecordColumn) -> RecordColumn:
-    """Return the column, an angle unwrapped; add an issue if unwrapping is ambiguous."""
+    """Return the column, unwrapped if it has `wraps:`; add an issue if this is ambiguous."""
     wraps = column.spec.wraps if isinstance(column.spec, ChannelSpec | AngleColumn) else None
     if not wraps:
         return column
@@ -220,7 +220,7 @@ def report_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn
             sources.notes.append(f"{not_counted}; {other}")
             continue
         kind, mismatch, times = comparison
-        like = f"{times:.4g} times the {kind} difference quotient of {origin} to {mismatch:.2g}"
+        like = f"{times:.4g} times the {kind} difference quotient of {origin} up to {mismatch:.2g}"
         like += " of its rms"
         sources.notes.append(f"{not_counted}; it is {like}")
         if mismatch > MAX_DERIVATIVE_MISMATCH:

@@ -212,7 +212,7 @@ class _Reader:
             column, entry = inputs[name], inputs[name].name
             if missing := int(np.isnan(column.values).sum()):
                 bridged = count_noun(missing, "sample is", "samples are")
-                self._sources.notes.append(f"{entry}: {bridged} bridged, hold: {spec.hold}")
+                self._sources.notes.append(f"{entry}: {bridged} bridged (hold: {spec.hold})")
             values = column_cleaning.bridge_gaps(self._sources, column)
             si = self._config.vocabulary.entries[entry].unit
             values = values * units.factor(spec.unit, si)

@@ -107,7 +107,7 @@ def relative_name(folder: Path, file: Path) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clock:
-    """A clock has times `t (n,)` [s] at `rows (n,)` of a table; `in_window (n,)`: used."""
+    """A clock has times `t (n,)` [s] at `rows (n,)` of a table; `in_window (n,)` masks used times."""
 
     table: RecordTable
     t: Array
@@ -269,7 +269,7 @@ class Sources:
         return None
 
     def _wanted(self, file: FileSpec | None) -> frozenset[str] | None:
-        """Return the variables that the config names in a file; None if a column has a number."""
+        """Return the variables that the config names in a file; None if one has only a number."""
         specs = [s for s in file_entries(self._config).values() if file_of(s) == file]
         times = [spec.time or self._config.record.time for spec in specs]
         columns = [*specs, *(time for time in times if isinstance(time, TimeColumn))]
