@@ -1,8 +1,8 @@
 """Turn a config into objects, or report all of its mistakes at once.
 
-`schema/` defines the entries of a config, and `loading` reads them. `building/` makes objects of
-the entries and finds contradictions. `records/` reads the files that a config names. `assembly/`
-joins objects and records to a `Problem`. `job` calls these in turn. Nothing here samples.
+`schema/` defines the entries of a config, and `loading` reads them. `building/` makes objects
+from the entries and finds contradictions. `records/` reads the files that a config names.
+`assembly/` combines objects and records into a `Problem`. `job` calls these packages in this order.
 """
 
 from __future__ import annotations

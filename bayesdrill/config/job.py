@@ -28,7 +28,7 @@ from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.sampling.mode_search import Mode
 
-# Largest distance of the start from the record, in sigmas. Beyond it, rounding hides the descent.
+# Largest rms of the residuals / sigma at the start. Above it, rounding hides improvements.
 MAX_START_DISTANCE = 1e10
 
 
@@ -47,11 +47,11 @@ class Job:
 
     @property
     def source(self) -> Source:
-        """Return the text that the config was read from."""
+        """Return the source of the config: its text, data and lines."""
         return self.case.source
 
     def with_settings(self, **changed: Any) -> Job:
-        """Return the job with replaced sections of the config that do not affect the posterior."""
+        """Return the job with other sections `changed`, which must not affect the posterior."""
         config = self.config.model_copy(update=changed)
         return replace(self, case=replace(self.case, config=config))
 
@@ -65,7 +65,7 @@ class Job:
         return assemble(loading.validate(source, self.case), self.files)
 
     def with_steps_at(self, mode: Mode) -> Job:
-        """Return the job with the integration steps that `mode` needs; linear rigs need none."""
+        """Return the job with the integration steps chosen at `mode`; linear rigs have none."""
         if not mode.pieces:
             return self
         posterior = step_error.with_steps(self.problem.posterior, mode.pieces)
@@ -120,7 +120,7 @@ def _steady_start_issues(case: ResolvedCase, problem: Problem, start: Array) -> 
 ARRAYS_PATH = Path("arrays")  # replaces the path of a config file in messages
 TIME_COLUMN = "t"
 MAX_DEPTH = 20  # levels of nested entries
-MAX_INTEGER_BITS = 1000  # larger integers take long to write as text
+MAX_INTEGER_BITS = 1000  # writing larger integers as text takes long
 
 
 def job_in_memory(columns: Mapping[str, Array], entries: Mapping[str, Any]) -> Job:
@@ -154,7 +154,7 @@ def model_entry(rig: Model) -> dict[str, Any]:
 
 
 def _plain(value: Any, location: tuple[str, ...], issues: list[Issue]) -> Any:
-    """Return a value as plain YAML data; add an issue for a value that YAML cannot hold."""
+    """Return a value as plain YAML data; add an issue if YAML cannot represent the value."""
     if len(location) > MAX_DEPTH:
         issues.append(Issue(".".join(location[:4]), "is nested too deep; see docs/config.md"))
         return None

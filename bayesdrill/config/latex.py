@@ -1,4 +1,4 @@
-"""Check that matplotlib and LaTeX can set a user's symbol, and that it stays in its table cell."""
+"""Check that matplotlib and LaTeX can typeset a user's symbol within its table cell."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def check(symbol: Symbol) -> None:
     for text in (symbol.latex, rf"\mathrm{{{symbol.latex_unit}}}" if symbol.latex_unit else "1"):
         try:
             _check_latex(text)
-            formulas = (text, superscript(text, "2"), f"{{{text}}}^{{2}}")  # alone, and in products
+            formulas = (text, superscript(text, "2"), f"{{{text}}}^{{2}}")  # alone and squared
             MathTextParser("path").parse(" ".join(f"${formula}$" for formula in formulas), 72)
         except Exception as error:  # the parser raises many kinds of exceptions
             reason = str(error).splitlines()[-1].partition(": ")[2] or str(error)
@@ -54,7 +54,7 @@ def _check_latex(text: str) -> None:
         raise ValueError("a character that cannot be printed")
     for name in _COMMAND.findall(text):
         if not _KNOWN.fullmatch(name):
-            raise ValueError(rf"\{name} is none of the commands that may stand there")
+            raise ValueError(rf"\{name} is not an allowed command")
     plain, depth = _COMMAND.sub(" ", text), 0
     for letter in plain:
         if not letter.isascii() or letter in '&%#$~"`':

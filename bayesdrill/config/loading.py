@@ -31,11 +31,11 @@ from bayesdrill.config.yaml_source import IssueCollector, Location, Source, read
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 
-_FILE = "x.csv"
+_FILE = "x.csv"  # stands for a missing name of the record's file
 
 
 def _stand_ins(words: Vocabulary) -> dict[Location, Any]:
-    """Return substitutes for missing or invalid entries, so that the others can be checked."""
+    """Return substitutes for missing or invalid entries, so that other entries can be checked."""
     state = next(iter(words.states.values()))
     return {
         ("name",): "x",
@@ -49,7 +49,7 @@ def _stand_ins(words: Vocabulary) -> dict[Location, Any]:
     }
 
 
-FRICTION_WALKERS = 96
+FRICTION_WALKERS = 96  # default for nonlinear rigs, whose likelihood is expensive
 WALKERS_PER_EXPERIMENT = 16  # added because each experiment may have unknowns of its own
 NO_EXPERIMENT = (
     "no experiment stands here; name each, such as `slow: {record: {file: slow.csv}}`, or remove "
@@ -60,14 +60,14 @@ NO_RECORD = "this experiment has no record; give `record: {file: ...}` in it"
 
 
 def load(path: Path) -> ResolvedCase:
-    """Load a config; raises `InputError` with every issue, in the order of their lines."""
+    """Load a config; raises `InputError` with all issues, sorted by line."""
     return validate(read(path))
 
 
 def validate(source: Source, before: ResolvedCase | None = None) -> ResolvedCase:
-    """Validate a config that has been read; see `load`.
+    """Validate a config that has been read; raises `InputError` as `load` does.
 
-    Entries that the case `before` contains unchanged are not validated again.
+    Entries that have not changed since the case `before` are not validated again.
     """
     if {"base", "runs"} <= source.data.keys():
         message = "is the file of a campaign; `check`, `campaign`, `watch` and `simulate` take it"
@@ -85,7 +85,7 @@ def validate(source: Source, before: ResolvedCase | None = None) -> ResolvedCase
 
 
 def read_document[T](kind: type[T], source: Source) -> T:
-    """Return a file that is a section of class `kind`; raises `InputError` with all issues."""
+    """Return a file's content as a section of class `kind`; raises `InputError` with all issues."""
     section, errors = read_entry(kind, source.data, ())
     located = _by_location(errors, source).items()
     problems = [source.issue(location, message_of(item, location)) for location, item in located]
@@ -96,9 +96,9 @@ def read_document[T](kind: type[T], source: Source) -> T:
 
 
 def load_vocabulary(source: Source) -> Vocabulary:
-    """Return the names that a config may use; raises `InputError` if there is no such rig.
+    """Return the vocabulary of a config's rig; raises `InputError` if `model:` has mistakes.
 
-    Mistakes in a rig of fixed symbols are reported later, together with all others.
+    Mistakes in a rig with fixed symbols are reported later, together with all other mistakes.
     """
     data, kinds = source.data, MODELS.usable()
     entry = data.get("model") if isinstance(data, Mapping) else None
@@ -123,7 +123,7 @@ def load_vocabulary(source: Source) -> Vocabulary:
 
 
 def _with_walkers(config: Config, model: Model) -> Config:
-    """Give a rig with friction fewer walkers by default, as its steps are expensive."""
+    """Give a nonlinear rig fewer walkers by default, as its likelihood is expensive."""
     sampler = config.sampler
     if "walkers" in sampler.model_fields_set or model.smooth:
         return config
@@ -135,7 +135,7 @@ def _with_walkers(config: Config, model: Model) -> Config:
 def _load_several(
     source: Source, words: Vocabulary, known: Mapping[str, ResolvedExperiment]
 ) -> tuple[Config, dict[str, ResolvedExperiment]]:
-    """Return the config of the first experiment, which lists all labels, and all experiments."""
+    """Return the joint config (see `join_experiments`), and each experiment by its label."""
     alone, resolved = split_experiments(source), dict[str, ResolvedExperiment]()
     problems = [*source.repeated]
     local_sources = alone or {"": experiment_source(source, "", {})}
@@ -154,7 +154,7 @@ def _load_several(
     if alone or source.data[EXPERIMENTS]:
         first = next(iter(resolved.values()), None)
         config, errors = read_config(whole, words, None if first is None else first.validated)
-        problems += [  # the experiments report all other mistakes
+        problems += [  # mistakes elsewhere were found in the single experiments
             source.issue(location, message_of(item, location))
             for location, item in _by_location(errors, source).items()
             if location and location[0] in (EXPERIMENTS, *SHARING_KEYS)
@@ -169,7 +169,7 @@ def _load_several(
 
 
 def _by_location(errors: list[EntryError], source: Source) -> dict[Location, EntryError]:
-    """Keep the last error of each entry, as each member of a union reports one."""
+    """Return the last error of each entry, as a union reports one error for each member."""
     return {_location(item["loc"], source.data): item for item in errors}
 
 
@@ -200,7 +200,7 @@ def _load_single(
 def _check_remaining(
     data: Any, spoilt: list[Location], source: Source, words: Vocabulary
 ) -> list[Issue]:
-    """Remove the invalid entries, and check the remaining ones against each other."""
+    """Remove the invalid entries, and check the remaining entries against each other."""
     for location in spoilt:
         _remove(data, location)
     for location, stand_in in _stand_ins(words).items():
@@ -212,7 +212,7 @@ def _check_remaining(
 
 
 def _intended_location(error: EntryError, location: Location, hint: str) -> Location | None:
-    """Return the location of the key that a misspelt key replaces; that key is not missing."""
+    """Return the location of the key that a misspelt key was meant to be; None for other errors."""
     suggestion = hint.rpartition("did you mean ")[2].rstrip("?")
     misspelt = error["type"] == "extra_forbidden" and suggestion != hint
     return (*location[:-1], suggestion) if misspelt else None

@@ -14,13 +14,13 @@ from bayesdrill.basics.errors import InputError, Issue, did_you_mean
 
 Location = tuple[str | int, ...]
 
-# No config of a rig needs to exceed these limits. Longer files are mistakes, or take too long.
+# No config needs to exceed these limits. Longer files are mistakes, or take too long to read.
 MAX_BYTES = 100_000
 MAX_ENTRIES = 5000  # an alias counts as the entries that it repeats
 MAX_KEY_LENGTH = 100  # in letters
 MAX_VALUE_LENGTH = 2000
 MAX_NUMBER_LENGTH = 40
-RECORD_ENDINGS = (".csv", ".mat")  # of files that are given by mistake in the place of a config
+RECORD_ENDINGS = (".csv", ".mat")  # endings of records that are given instead of a config
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +129,7 @@ class _NodeVisitor:
     """The visitor records the lines and repeated keys of all nodes, and enforces the limits."""
 
     path: Path
-    constructor: Any  # constructs values one by one, to locate errors
+    constructor: Any  # constructs single values, so that errors have a line
     lines: dict[Location, int] = field(default_factory=dict)
     repeated: list[Issue] = field(default_factory=list)
     entries: int = 0
@@ -156,7 +156,7 @@ class _NodeVisitor:
             raise InputError.at(str(self.path), f"{message}; no config needs as many")
 
     def _key(self, key: Any, location: Location) -> Location:
-        """Tag a key as text, so that `5:` or `~:` is no number or null, and return its location."""
+        """Tag a key as text, so that `5:` and `~:` are texts too, and return the key's location."""
         from ruamel.yaml.nodes import ScalarNode
 
         if not isinstance(key, ScalarNode):
@@ -224,7 +224,7 @@ class IssueCollector:
         self._reported = spoilt
 
     def add(self, location: Location, message: str) -> None:
-        """Add an issue, unless one was reported for this entry before."""
+        """Add an issue, unless an issue at this entry was reported before."""
         if not self.is_reported(location):
             self.issues.append(self.source.issue(location, message))
 
@@ -241,7 +241,7 @@ class IssueCollector:
     def run[T](self, location: Location, step: Callable[..., T], *arguments: Any) -> T | None:
         """Return the result of a step; None, with an issue, if it raises `ValueError`.
 
-        A rig whose parts do not fit together names the entries of `model:` that are at fault.
+        An `InputError` on contradictory parts of a rig gives issues at the entries of `model:`.
         """
         try:
             return step(*arguments)

@@ -1,4 +1,4 @@
-"""Make the ArviZ tree of a result; each chain is an ensemble with nearly independent draws."""
+"""Make the ArviZ tree of a result; each chain has nearly independent draws of one ensemble."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.sampling.ensembles import SamplingResult
 
-PRIOR_DRAWS = 2000  # draws in the group `prior`
+PRIOR_DRAWS = 2000  # number of draws in the group `prior`
 
 
 def make_tree(
@@ -37,7 +37,7 @@ def make_tree(
 
     The group `derived` has a value for each draw of `posterior`, or NaN. The pointwise
     `log_likelihood` and `posterior_predictive` have `predictive_draws` evenly spaced draws of every
-    chain, named by their `draw` coordinate.  With 0, both groups are left out.
+    chain, numbered by the coordinate `draw`. With `predictive_draws` = 0, both groups are missing.
     """
     draws = sampled.draws
     used_draws = np.unique(np.linspace(0, draws.shape[1] - 1, predictive_draws).astype(int))
@@ -68,7 +68,7 @@ def make_tree(
     tree["sample_stats"].attrs["lp"] = "log density over the sampler's coordinates, unnormalised"
     tree["sample_stats"]["lp"].attrs.update(units="1", long_name="log posterior density")
     tree["sample_stats"].attrs["acceptance_rate"] = sampled.acceptance
-    with warnings.catch_warnings():  # ArviZ warns of few draws, which is normal for a long record
+    with warnings.catch_warnings():  # ArviZ warns of few draws, which is usual with long records
         warnings.filterwarnings("ignore", "Found chain dimension")
         groups: DataTree = from_dict(
             {

@@ -1,6 +1,6 @@
 """Write the provenance of a result: versions, fingerprint, and the config with its defaults.
 
-The provenance is written when a job begins; an interruption is recorded too.
+The provenance is written when a job begins. If the job is interrupted, `run.json` says so.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF, Folder, mark
 from bayesdrill.rig.models.linear import Model, constants
 
-RUN_MARK = "Run"  # key of a file's metadata for the mark of the run
-# Entries of `map:` that no longer exist. Every fingerprint lists them as not given, as in earlier
-# versions, so that runs of these versions can be continued.
+RUN_MARK = "Run"  # key of the run's mark in the metadata of a file
+# Entries of `map:` that no longer exist. Every fingerprint lists these entries as not given, so
+# that runs of earlier versions can be continued.
 FORMER_ENTRIES = ("map.pairs", "map.iterations", "map.steady")
 
 
@@ -66,10 +66,10 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
 
 
 def settings(config: Config, problem: Problem, display_units: DisplayUnits) -> dict[str, str]:
-    """Return the settings in which two runs may differ, by name.
+    """Return the settings of a run that `compare` compares, by name.
 
-    Settings are the entries of the fingerprint except those of search and sampler. Entries of a
-    parameter have its name and are in display units.
+    They are the entries of the fingerprint except the entries of MAP search and sampler. The entry
+    of a parameter has the parameter's name and is in display units.
     """
     posterior = problem.posterior
     space = posterior.space
@@ -88,7 +88,7 @@ def settings(config: Config, problem: Problem, display_units: DisplayUnits) -> d
 
 
 def marks(config: Config, problem: Problem, burn_in: str = "") -> dict[str, str]:
-    """Return the metadata of figures and tree, which identify their run."""
+    """Return the metadata by which figures and tree identify their run."""
     return {
         RUN_MARK: mark(fingerprint(config, problem)),
         "Record": ", ".join(records(problem).values()),
@@ -113,7 +113,7 @@ def _model(rig: Model) -> str:
 
 
 def _of_experiments(problem: Problem) -> dict[str, str]:
-    """Return the entries of all experiments; with several, the names have the label."""
+    """Return the entries of all experiments; with several, their names include the label."""
     entries: dict[str, str] = {}
     for observation in problem.all_observations:
         names, sensing = observation.experiment.names, observation.response.sensing
@@ -152,7 +152,7 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
 
 
 def _noise_held(config: Config, problem: Problem, display_units: DisplayUnits) -> dict[str, str]:
-    """Return the noise sizes of channels with fixed noise."""
+    """Return the fixed sigmas of channels, in display units."""
     entries = {}
     for observation in problem.observations:
         for k, sigma in observation.noise.fixed_values().items():
@@ -178,8 +178,7 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
             data["experiments"][experiment.label] = sections | own_entries
         _remove_defaults(sections, experiment.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)
-    # With several experiments the top level repeats the first one's entries, which are not
-    # defaults.
+    # With several experiments, the top level repeats entries of the first experiment.
     for key in SECTIONS if config.experiments else (EXPERIMENTS, *SHARING_KEYS):
         del data[key]
     made_by = "".join(f"# {name} {number}\n" for name, number in installed_versions().items())
@@ -190,7 +189,7 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
 def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> None:
     """Remove defaults that would change the meaning of the config if they were written as entries.
 
-    Written inputs that the rig lacks, and states of a steady start, would be refused. Written states
+    If written, inputs that the rig lacks and states of a steady start would be refused, and states
     of a free start would be fixed.
     """
     removed = {
@@ -205,7 +204,7 @@ def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> No
 
 
 def _digest(series: Array) -> str:
-    """Return the digest of a list of numbers, without keeping the whole text in memory."""
+    """Return the digest of the `repr` of a list of numbers, which is never whole in memory."""
     digest = hashlib.sha256(b"[")
     for first in range(0, len(series), PART):
         text = ", ".join(map(repr, series[first : first + PART].tolist()))
@@ -215,7 +214,7 @@ def _digest(series: Array) -> str:
 
 
 def check_record(job: Job, output: Path, record: str | None = None) -> None:
-    """Raise `InputError` if a file of the record is in `output`; for `record` see `begin`."""
+    """Raise `InputError` if a file of the record is in `output`, unless `record` is in memory."""
     paths = (path for experiment in job.case.experiments for path in sources.paths(experiment))
     places = [path.parent.resolve() for path in paths]
     if record is None and output.resolve() in places:
@@ -223,7 +222,7 @@ def check_record(job: Job, output: Path, record: str | None = None) -> None:
 
 
 def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> None:
-    """Write the config, as given and with defaults, and the text `record` of a record in memory."""
+    """Write the config (as given, and with defaults) and the text `record` of given arrays."""
     if record is None:
         outputs = output_files.output_names(folder.path, folder.kind)
         replaced = [folder.path / name for name in outputs]
@@ -243,7 +242,7 @@ def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> N
 def interruptions(
     folder: Folder, progress: Callable[[], str], errors: tuple[type[Exception], ...] = ()
 ) -> Iterator[None]:
-    """Record an interruption in `run.json`; a signal raises `Interrupted` with the `progress`."""
+    """Record an interruption in `run.json`; after a signal, raise `Interrupted` with `progress`."""
     stops: tuple[type[Exception], ...] = (BrokenProcessPool, *errors)
     try:
         yield

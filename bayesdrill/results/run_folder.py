@@ -37,7 +37,7 @@ def chain_mark(pieces: Sequence[Sequence[ChainSegment]]) -> str:
 
 
 def _consistent(piece: ChainSegment) -> ChainSegment:
-    """Return a segment; raises `ValueError` or `TypeError` if its shapes or numbers are wrong."""
+    """Return the segment; raises `ValueError` or `TypeError` if its shapes or numbers are wrong."""
     steps, walkers, unknowns = piece.z.shape
     np.random.RandomState().set_state(piece.state.random)
     for values, shape in (
@@ -46,12 +46,12 @@ def _consistent(piece: ChainSegment) -> ChainSegment:
         (piece.accepted, (walkers,)),
     ):
         if values.shape != shape or not np.isfinite(values).all():
-            raise ValueError("numbers that no chain has")
+            raise ValueError("the segment has wrong shapes or values that are not finite")
     return piece
 
 
 def chain_image(pieces: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> bytes:
-    """Return the bytes of a chain or segment, made in memory, as HDF5 crashes on a full disk.
+    """Return the HDF5 file of a chain or segment as bytes, since HDF5 crashes on a full disk.
 
     Each ensemble is a group `ensemble_<k>` in the layout of `emcee.backends.HDFBackend`.
     """
@@ -110,7 +110,7 @@ def _checksum(contents: Mapping[str, Any]) -> str:
 
 
 def read_chain(path: Path, ensemble: int) -> tuple[ChainSegment, str | None]:
-    """Read a finished ensemble and the mark of the run; raises `InputError` for a damaged file."""
+    """Read an ensemble and the mark of its run (see `mark`); raises `InputError` if damaged."""
     import h5py
 
     with report_damage(str(path), COMPUTED_AGAIN):
@@ -136,7 +136,7 @@ def read_chain(path: Path, ensemble: int) -> tuple[ChainSegment, str | None]:
 WriteMode = Literal["fresh", "resume", "force", "report", "read"]
 
 CHAIN = "chain.h5"
-VERSION_OF = "the version of "  # prefix of fingerprint entries that may differ for a report
+VERSION_OF = "the version of "  # prefix of fingerprint entries that may change before a report
 LONGEST = 120  # largest length of a value in a message
 
 
@@ -145,7 +145,7 @@ class FolderEntries:
     """The `run.json` of every folder has these entries.
 
     job: the command that made the folder
-    fingerprint: what decides the chain, by name
+    fingerprint: all values that determine the chain, by name
     status: running, interrupted or finished
     seed: the seed of all random numbers
     versions: of bayesdrill, Python and the libraries
@@ -167,17 +167,17 @@ class FolderEntries:
 
 
 def dump_record(record: Any, form: int, **others: Any) -> str:
-    """Return the text of a file with a record, the version of its form, and other entries."""
+    """Return a checksummed JSON text: the dataclass `record`, its format version, and `others`."""
     fields = dataclasses.asdict(record)
     return output_files.dumps_checksummed({"form": form, **others, **fields})
 
 
 def load_record[T](path: Path, kind: type[T], form: int) -> tuple[T, dict[str, Any]]:
-    """Read a text of `dump_record`; raises `InputError` if it is damaged or of another form."""
+    """Read a file of `dump_record`; raises `InputError` if damaged or of another format version."""
     why = COMPUTED_AGAIN
     try:
         data = output_files.loads_checksummed(path.read_bytes())
-        if data.get("form", 1) != form:  # the first form has no number
+        if data.get("form", 1) != form:  # files of the first version have no number
             why = f"was written by another version of bayesdrill; {AGAIN}"
         return from_data(kind, data, strict=True), data
     except ValueError:
@@ -188,7 +188,7 @@ def load_record[T](path: Path, kind: type[T], form: int) -> tuple[T, dict[str, A
 class Folder:
     """The folder of a run is locked while open; a resumed run must have the same `fingerprint`.
 
-    A folder without a lock file that is only read is not locked, since it may be write-protected.
+    In mode `read`, a folder without a lock file is not locked, since it may be write-protected.
     Nothing is changed before `begin`, so a refused run leaves the folder unchanged.
     """
 
@@ -272,8 +272,8 @@ class Folder:
     def begin(self, **entries: Any) -> None:
         """Begin to write: with --force the files of an earlier run are removed first.
 
-        `run.json`, with these `entries`, is replaced and never missing.  Without it, a run that is
-        killed now would leave a folder that seems foreign.
+        `run.json` is replaced by these `entries` and is never missing. Without it, the folder of a
+        run that is killed now would seem to belong to another program.
         """
         output_files.clean_up(self.path, self.kind)
         if self.mode == "force":
@@ -284,7 +284,7 @@ class Folder:
 
     @property
     def run(self) -> str:
-        """Return the mark of this run."""
+        """Return the mark that identifies this run."""
         return mark(self.fingerprint)
 
     def refuse_foreign(self, name: str, run: str | None) -> None:
@@ -299,17 +299,17 @@ class Folder:
         if run is None and output_files.digest(path) == known.get(name):
             return
         whose = f"run {run}" if run else "an unknown run (an older version wrote it)"
-        message = f"is of {whose}, and this folder of run {self.run}; put back its own, or {AGAIN}"
+        message = f"is of {whose}, not of run {self.run}; put back its own, or {AGAIN}"
         raise InputError.at(str(path), message)
 
     def path_of(self, name: str) -> Path:
-        """Return the path of an output; raises `KeyError` for a name that is none of this kind."""
+        """Return the path of an output; raises `KeyError` if this kind of run lacks it."""
         if not self.kind.is_output(name):
             raise KeyError(name)
         return self.path / name
 
     def digests(self) -> dict[str, str]:
-        """Return the digests of all files of this run that are finished."""
+        """Return the digests of all finished files of this run, by name."""
         names = output_files.output_names(self.path, self.kind)
         return {n: output_files.digest(self.path / n) for n in names if n != self.kind.mark}
 
@@ -350,7 +350,7 @@ class Folder:
         ]
 
     def save(self, ensemble: int, first_step: int, piece: ChainSegment) -> None:
-        """Save a segment in its own file, so that an interruption loses only an unfinished one."""
+        """Save a segment in its own file, so that an interruption loses at most one segment."""
         (self.path / PIECES).mkdir(exist_ok=True)
         path = self.path_of(_piece_name(ensemble, first_step))
         output_files.write(path, chain_image([[piece]], {"run": self.run}))
@@ -403,7 +403,7 @@ def _piece_name(ensemble: int, first_step: int) -> str:
 
 
 def mark(fingerprint: Mapping[str, Any]) -> str:
-    """Return the mark of a run: twelve letters that depend on record, config and seed."""
+    """Return the mark of a run: 12 hex digits of a digest of its fingerprint without versions."""
     settings = sorted(
         (n, value) for n, value in fingerprint.items() if not n.startswith(VERSION_OF)
     )

@@ -1,4 +1,4 @@
 """Make the `Problem` of a resolved case and its records.
 
-Free starts, lags and the noise need both the config and the record, so they are decided here.
+Free initial states, lags and noise depend on both config and record, so they are built here.
 """

@@ -1,4 +1,4 @@
-"""Take sensors out of a record, and leave out the samples that their lags leave undetermined."""
+"""Correct a record for gains and offsets, and leave out samples that depend on unknown motion."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 def without_sensors(
     experiment: Experiment, sensing: ObservationModel, numbers: Iterable[ParsedNumber]
 ) -> Experiment:
-    """Return the experiment with known or initial gains and offsets of its sensors removed."""
+    """Return the experiment corrected for gains and offsets, with start values of unknown ones."""
     values = {n.name: n.value if isinstance(n.value, float) else n.start for n in numbers}
     y = experiment.y.copy()
     for k, channel in enumerate(experiment.channels):
@@ -31,8 +31,8 @@ def without_sensors(
     return dataclasses.replace(experiment, y=frozen(y))
 
 
-LAG_TAIL = 1e-6  # prior probability that a lag is longer than the omitted samples
-LAG_TAIL_BEYOND_RECORD = 0.025  # prior probability, in each tail, of a lag beyond the record
+LAG_TAIL = 1e-6  # prior probability that a lag is longer than the omitted time
+LAG_TAIL_BEYOND_RECORD = 0.025  # prior probability in each tail beyond the lags that are checked
 
 
 def start_beyond_lags(
@@ -41,10 +41,10 @@ def start_beyond_lags(
     sensing: ObservationModel,
     values: Mapping[str, float | Prior],
 ) -> Experiment:
-    """Return the experiment without the samples that lags leave undetermined.
+    """Return the experiment without samples that depend on motion or inputs outside the record.
 
-    If the rig moves at the start, a late sensor shows earlier motion in the first samples. If the
-    record shows an input too late, the last samples depend on the input after the record.
+    If the rig moves at the start, the first samples of a late sensor show motion before the start.
+    If an input is recorded too late, the last samples depend on the input after the record's end.
     """
     y, notes = np.array(experiment.y), list(experiment.told)
     late = sensing.shifts or bool(sensing.input_lags)

@@ -27,8 +27,8 @@ from bayesdrill.record.experiment import Experiment, raise_if_any
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.contract import Simulator
 
-MAX_SHOWN_TIME = 1e4  # in the record's unit of time; longer times are shown in seconds
-SEARCH_STEPS = 4  # steps per sample during the MAP search, until steps are chosen at the maximum
+MAX_SHOWN_TIME = 1e4  # largest time that is shown in the record's unit; others are in seconds
+SEARCH_STEPS = 4  # upper limit of steps per sample in the MAP search; the MAP may need more
 
 
 def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
@@ -52,7 +52,7 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         parts.append(replace(observed, parameters=parameters, noise_names=names))
     unknowns = case.space([*sensor_numbers.values()], [*noise_unknowns.values()])
     if not unknowns.unknowns:
-        message = "no parameter is unknown; give at least one a prior, or only simulate a record"
+        message = "no parameter is unknown; give at least one of them a prior, or only simulate"
         raise case.source.error(("parameters",), message)
     posterior = Posterior(
         space=unknowns,
@@ -160,12 +160,12 @@ def _check_hidden(
             hidden.setdefault(location, []).append(name)
     for location, names in hidden.items():
         lost = f"with a lag this large no sample of {', '.join(names)} certainly follows the start"
-        way_out = "give the lag a prior with a smaller end"
+        way_out = "give the lag a prior with a smaller upper end"
         errors.add(location, f"the rig moves at the start, and {lost}; {way_out}")
 
 
 def _at_start(resolved: ResolvedExperiment) -> dict[str, float]:
-    """Return the parameters of the rig, in SI, at which searches begin."""
+    """Return the parameters of the rig, in SI, at which the MAP search begins."""
     space = resolved.rig_numbers.space()
     values = {**space.fixed, **space.start}
     values |= {name: float(r.value(values)) for name, r in space.relations.items()}

@@ -1,4 +1,4 @@
-"""Take the initial state from the record: priors of free states, and whether the rig moves."""
+"""Derive priors of free initial states from the record, and check that a record begins at rest."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Model
 
-FREE_START_WIDTH = 2.0  # ratio of a free state's prior sd to the span of channels of its kind
+FREE_START_WIDTH = 2.0  # ratio of a free state's prior sd to the range of channels of its kind
 SPEED_QUANTILE = 0.99  # quantile of an angle's difference quotients that counts as its speed
 
 
 def free_start(name: str, experiment: Experiment, model: Model, values: Named) -> ParsedNumber:
-    """Return a normal prior of a state around the first samples, as wide as the channels' span.
+    """Return a normal prior of a free initial state: the mean is the first sample, sd = 2 width.
 
-    If no channel measures the state, the width is its equilibrium under the inputs at the
-    parameters `values`. Raises `ValueError` if neither gives a width.
+    The width is the range (max - min) of channels of the state or of its kind, or else the
+    equilibrium under the inputs at the parameters `values`. Raises `ValueError` for a zero width.
     """
     symbol = model.symbols[name]
     middle, width = _measured_start(symbol, experiment)
@@ -34,7 +34,7 @@ def free_start(name: str, experiment: Experiment, model: Model, values: Named) -
         width = _driven_width(name, experiment, model, values)
     if not (math.isfinite(width) and width > 0):
         way_out = f"give it a prior, such as `{name}: {{prior: normal, mean: 0, sd: 1}}`"
-        silent = f"no channel says how far {name} may be from zero at the start"
+        silent = f"no channel shows how large {name} may be at the start"
         raise ValueError(f"{silent}; {way_out}")
     prior = TruncatedNormal(middle, FREE_START_WIDTH * width, -math.inf, math.inf)
     shown = symbol_of_state(model, name)
@@ -47,7 +47,7 @@ def _channels_of_unit(experiment: Experiment, unit: str) -> list[tuple[Mapping[s
 
 
 def _measured_start(state: Symbol, experiment: Experiment) -> tuple[float, float | None]:
-    """Return first value and span of the state's channel; without it, another's first value and None."""
+    """Return the first value and range of the state's channel, or an estimated value and None."""
     middle, name = 0.0, state.name
     for weights, y in _channels_of_unit(experiment, state.unit):
         if set(weights) == {name}:
@@ -58,7 +58,7 @@ def _measured_start(state: Symbol, experiment: Experiment) -> tuple[float, float
 
 
 def _span_of_unit(experiment: Experiment, unit: str) -> float:
-    """Return the span of states with this unit; angles and speeds are derived from each other."""
+    """Return the range of states with this unit, also from channels of their speeds or angles."""
     if unit in SPEED_UNITS:
         if spans := [float(np.ptp(y)) for _, y in _channels_of_unit(experiment, unit)]:
             return max(spans)
@@ -75,7 +75,7 @@ def _span_of_unit(experiment: Experiment, unit: str) -> float:
 
 
 def _driven_width(name: str, experiment: Experiment, model: Model, values: Named) -> float:
-    """Return the equilibrium to which the inputs, or else turning parts, would drive a state."""
+    """Return the size of a state's equilibrium under the largest inputs, else largest speeds."""
     linear = model.linear(values)
     decay = abs(float(linear.A.get((name, name), 0.0)))
     largest = {n: abs(x) for n, x in experiment.constant.items()}
@@ -97,8 +97,8 @@ def _driven_width(name: str, experiment: Experiment, model: Model, values: Named
 
 
 N_FIRST_SAMPLES = 5  # number of samples that decide whether a record begins in motion
-MIN_MOTION_OVER_NOISE = 12.0  # initial motion over its standard error
-MIN_MOTION_SHARE = 0.2  # initial motion over the range of the channel
+MIN_MOTION_OVER_NOISE = 12.0  # smallest ratio of initial motion to its standard error
+MIN_MOTION_SHARE = 0.2  # smallest ratio of initial motion to the range of the channel
 
 
 def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
@@ -123,6 +123,6 @@ def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
         if abs(size) > MIN_MOTION_OVER_NOISE * error and abs(size) > MIN_MOTION_SHARE * reach:
             raise ValueError(
                 f"it begins in motion ({channel.name} changes by {size:.3g} {unit} at its beginning), "
-                "and the config does not describe it; write `initial: free`, `initial: steady`, or the "
-                "states there"
+                "which `initial:` does not describe; write `initial: free`, `initial: steady`, or the "
+                "states at this time"
             )

@@ -1,4 +1,4 @@
-"""Hold a resolved config: the rig, and each experiment with channels, sensors and nominal values.
+"""Define a resolved config: the rig, and each experiment with channels, sensors, nominal values.
 
 After loading, nothing reads the YAML again.
 """
@@ -28,7 +28,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalNumbers:
-    """The local numbers of an experiment belong to its sensors, start, noise and torque."""
+    """The local numbers of an experiment define sensors, initial state, noise and torque."""
 
     # None stands for a prior from the record, and for a number with a mistake.
     numbers: Mapping[str, float | Prior | Unknown | None]
@@ -49,7 +49,7 @@ def local_numbers(
 ) -> LocalNumbers:
     """Return the numbers of the experiment that are not parameters of the rig.
 
-    A channel with a mistake has only the unknowns that its entry names.
+    If a channel has a mistake, only its sigma is listed, and only if it has a prior.
     """
     numbers_: dict[str, float | Prior | Unknown | None]
     numbers_ = {e.symbol.name: None if x is None else x.value for e, x in sensor_numbers.items()}
@@ -76,7 +76,7 @@ class ResolvedExperiment:
     nominal: NominalValues
     rig_numbers: RigNumbers
     channels: tuple[NoisyChannel, ...]  # channels that enter the likelihood
-    sensor_numbers: Mapping[SensorEntry, ParsedNumber]  # includes the numbers of the start
+    sensor_numbers: Mapping[SensorEntry, ParsedNumber]  # includes initial states
     sensing: ObservationModel
     constant_inputs: Mapping[str, float]  # in SI
     initial_state: Mapping[str, float]  # the fixed states at the start, in SI
@@ -105,10 +105,10 @@ class ResolvedCase:
 
     @property
     def joint_names(self) -> dict[str, dict[str, str]]:
-        """Return the joint name of each parameter of each experiment, by label.
+        """Return the name of each parameter in the joint problem, by label and by name.
 
-        The name has the label if the parameter is `own`, held by this experiment, or follows from
-        these.
+        The name has the label if the parameter is `own`, is fixed by this experiment, or is
+        computed from such parameters.
         """
         names = {}
         for each in self.experiments:
@@ -122,7 +122,7 @@ class ResolvedCase:
     def space(
         self, sensors: Sequence[ParsedNumber] = (), noise: Sequence[Unknown] = ()
     ) -> ParameterSpace:
-        """Return the unknowns: parameters, quantities, `sensors` (with starts), then `noise`.
+        """Return the parameter space: parameters, quantities, `sensors` (with starts), then `noise`.
 
         Raises `RelationError`.
         """

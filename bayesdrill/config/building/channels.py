@@ -26,7 +26,7 @@ from bayesdrill.rig.simulators.sensors import signal_names, state_weights
 def check_channels(
     errors: IssueCollector, config: Config, model: Model
 ) -> dict[str, NoisyChannel | None]:
-    """Return the channels that are not derived from others; None for each with a mistake."""
+    """Return the channels that are not derived; None stands for a channel with a mistake."""
     measured, channels = dict[str, NoisyChannel | None](), config.record.channels
     for name, spec in channels.items():
         location: Location = ("record", "channels", name)
@@ -117,7 +117,7 @@ def noisy_channel(channel: Channel, spec: ChannelSpec) -> NoisyChannel:
 
 
 def build_noise(channels: Sequence[NoisyChannel], n_samples: int) -> Noise:
-    """Return the noise of all channels: of one kind, or a mixture of kinds."""
+    """Return the joint noise of all channels, which may have different kinds of noise."""
     kinds: dict[str, list[int]] = {}
     for k, channel in enumerate(channels):
         kinds.setdefault(channel.kind, []).append(k)

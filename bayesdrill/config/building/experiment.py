@@ -33,7 +33,7 @@ def build_experiment(
 ) -> tuple[list[Issue], ResolvedExperiment | None]:
     """Build an experiment of a config with valid entries; return the issues and the experiment.
 
-    Mistakes at `spoilt` locations are not reported again.
+    Mistakes at `spoilt` locations were reported before, and are not reported again.
     """
     errors, alone = IssueCollector(source, spoilt), not source.labels
     names = config.vocabulary.parameters
@@ -92,10 +92,10 @@ def build_experiment(
 def _check_own_names(errors: IssueCollector, config: Config, local: LocalNumbers) -> None:
     """Check that no quantity or formula has the name of an unknown of sensors, noise or torque.
 
-    With several experiments these names have a label; formulas are then checked later.
+    With several experiments, these names have a label, and formulas are checked later.
     """
     for section in ("quantities",) if errors.source.labels else ("quantities", "derived"):
         for name in getattr(config, section):
-            if name in local.numbers and not name.startswith("sigma_"):  # always refused
+            if name in local.numbers and not name.startswith("sigma_"):  # refused elsewhere
                 message = "an unknown of a sensor, noise or torque has this name"
                 errors.add((section, name), f"{message}; choose another one")

@@ -1,4 +1,4 @@
-"""Build the experiments of one config: each as a config of its own, and what they share."""
+"""Split a config into one config for each experiment, and check what the experiments share."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from bayesdrill.config.yaml_source import IssueCollector, Location, Source
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.rig.models.linear import Model
 
-SECTIONS = ("record", "inputs", "initial")  # sections that an experiment may replace
-PARAMETERS = "parameters"  # an experiment may fix some of them
+SECTIONS = ("record", "inputs", "initial")  # sections whose entries an experiment may replace
+PARAMETERS = "parameters"  # section of which an experiment may fix entries
 EXPERIMENTS = "experiments"
-SHARING_KEYS = ("shared", "own")  # unknowns that are common to experiments, or different in each
+SHARING_KEYS = ("shared", "own")  # lists of unknowns: one for all experiments, or one for each
 
 
 def split_experiments(source: Source) -> dict[str, Source]:
@@ -38,7 +38,7 @@ def split_experiments(source: Source) -> dict[str, Source]:
 
 
 def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str, Any]:
-    """Return the joint config: entries of the first experiment, then local ones by experiment."""
+    """Return the joint config: entries of the first experiment, and `experiments:` with each."""
     named = source.data[EXPERIMENTS]
     named = dict(named) if isinstance(named, Mapping) else named
     first = next(iter(sources.values()), source)
@@ -50,12 +50,12 @@ def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str,
 
 
 def joint_name(config: Config, name: str, label: str) -> str:
-    """Return the name of an experiment's unknown among those of all experiments."""
+    """Return an unknown's joint name: with the label, unless the unknown is shared."""
     return name if name in config.shared else labelled_name(name, label)
 
 
 def experiment_source(source: Source, label: str, local: Mapping[str, Any]) -> Source:
-    """Return the source of one experiment, with its `local` entries in place of the common ones."""
+    """Return the source of one experiment, with `local` entries in place of common entries."""
     data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, *SHARING_KEYS)}
     data = copy.deepcopy(data)
     for section in [name for name in (*SECTIONS, PARAMETERS) if name in local]:
@@ -75,7 +75,7 @@ def merged_entries(common: Any, local: Any) -> Any:
     if not (isinstance(common, Mapping) and isinstance(local, Mapping)):
         return copy.deepcopy(local)
     if _entry_kind(local) and _entry_kind(common) != _entry_kind(local):
-        return copy.deepcopy(local)  # keys of another kind of entry do not fit
+        return copy.deepcopy(local)  # an entry of another kind is replaced as a whole
     merged = {key: value for key, value in common.items() if key not in local}
     return {
         **merged,
@@ -84,7 +84,7 @@ def merged_entries(common: Any, local: Any) -> Any:
 
 
 def _entry_kind(entry: Mapping[str, Any]) -> str:
-    """Return the key that gives the kind of an entry; empty if the entry has no such key."""
+    """Return the key that identifies the kind of an entry, or an empty text."""
     return next((key for key in ("prior", "value", "rate") if key in entry), "")
 
 
@@ -132,7 +132,7 @@ def unknown_names(config: Config, model: Model, local: LocalNumbers) -> list[str
 def _check_held(
     errors: IssueCollector, config: Config, resolved: Mapping[str, ResolvedExperiment]
 ) -> None:
-    """Check that an experiment fixes parameters of all rigs only, by numbers or formulas."""
+    """Check that fixed parameters exist in the rigs of all experiments, and have no priors."""
     for label, experiment in resolved.items():
         for name in config.experiments[label].parameters:
             free = isinstance(experiment.config.parameters.get(name), numbers.ParameterPrior)
@@ -146,7 +146,7 @@ def _check_held(
 
 
 def _check_derived(errors: IssueCollector, joint: ResolvedCase, space: ParameterSpace) -> None:
-    """Check that derived formulas name existing parameters of the joint problem."""
+    """Check that derived formulas contain only parameters of the joint problem."""
     known = {*space.free, *space.fixed, *space.relations, *symbols.DERIVED, *joint.config.derived}
     for formula in joint.experiments[0].rig_numbers.derived:
         for name in [name for name in formula.expression.names if name not in known]:
@@ -165,13 +165,13 @@ def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel
             location: Location = ("simulation", "sigma", name)
             errors.expect(location, name, channels, "there is no such channel")
     for name in simulation.truth if simulation else ():
-        message = "a sensor, a start, a noise or an experiment has no such unknown"
+        message = "no sensor, initial state, noise or experiment has such an unknown"
         known_names = _truth_names(config, by_label)
         errors.expect(("simulation", "truth", name), name, known_names, message)
 
 
 def _truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
-    """Return the names of unknowns other than parameters that `simulation.truth` may contain."""
+    """Return the names that `simulation.truth` may contain: `own` parameters, and local numbers."""
     pairs = [(label, name) for label in by_label for name in config.own]
     if config.missing_torque is not None:
         pairs += [(label, name) for label in by_label for name in TORQUE_ENTRIES]
@@ -197,7 +197,7 @@ def _check_local(
 def _check_shared(
     errors: IssueCollector, config: Config, model: Model, by_label: NumbersByLabel
 ) -> None:
-    """Check that shared unknowns belong to several experiments, with the same prior."""
+    """Check that a shared unknown is in several experiments, with the same prior."""
     known_names = dict.fromkeys(name for local in by_label.values() for name in local.numbers)
     for k, name in enumerate(config.shared):
         location = ("shared", k)
@@ -227,10 +227,10 @@ def _check_shared(
 
 
 def _check_held_out(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
-    """Check that the unknowns of held-out experiments belong to fitted experiments too."""
+    """Check that fitted experiments contain all unknowns of the held-out experiments."""
     held_out = [label for label, experiment in config.experiments.items() if experiment.held_out]
     if held_out and len(held_out) == len(by_label):
-        message = "all are held out; leave one to be fitted"
+        message = "all are held out; at least one must be fitted"
         errors.add(("experiments", held_out[0], "held_out"), message)
         return
     fitted = [local for label, local in by_label.items() if label not in held_out]

@@ -11,7 +11,7 @@ from bayesdrill.rig.models.linear import Model
 
 
 def check_initial(errors: IssueCollector, config: Config, model: Model) -> dict[str, float]:
-    """Return the fixed initial states in SI; for a steady start, only the named ones."""
+    """Return the fixed initial states in SI; for a steady start, only the named states."""
     initial, states = config.initial, {}
     for name in model.outer:
         value, unit = initial.get(name), model.symbols[name].unit
@@ -36,7 +36,7 @@ def symbol_of_state(model: Model, name: str) -> Symbol:
 
 
 def free_states(config: Config, model: Model) -> tuple[str, ...]:
-    """Return the states whose initial values have priors from the record; no imposed angles."""
+    """Return the states whose initial values have priors from the record, except imposed angles."""
     initial, angles = config.initial, config.vocabulary.imposed.values()
     imposed = [angle for angle in angles if config.inputs.get(angle) is not None]
     silent = {*model.outer} - initial.model_fields_set if initial.state == "free" else set()
@@ -45,14 +45,12 @@ def free_states(config: Config, model: Model) -> tuple[str, ...]:
 
 
 def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
-    """Check a steady start: the inputs determine all states but one angle, which may be named."""
+    """Check a steady start: the inputs determine all states except one free angle."""
     if not model.smooth:
-        how = (
-            "has friction turns steadily, or sticks" if model.frictions else "swings comes to rest"
-        )
-        how = how if model.frictions or model.gravities else "may saturate comes to rest"
-        where = f"the state in which a rig that {how} is not computed"
-        errors.add(("initial",), f"{where}; write `initial: free`, or the states there")
+        how = "with dry friction" if model.frictions else "that swings"
+        how = how if model.frictions or model.gravities else "that may saturate"
+        where = f"the steady state of a rig {how} is not computed"
+        errors.add(("initial",), f"{where}; write `initial: free`, or the states at the start")
         return
     named = [name for name in model.states if name in config.initial.model_fields_set]
     angles = [name for name in named if name in model.angles]
@@ -61,5 +59,5 @@ def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
             message = "the steady state gives it; remove this entry, or `state: steady`"
             errors.add(("initial", name), message)
     for name in angles[1:]:
-        both = f"the steady state gives the twist, and {angles[0]} the rest"
+        both = f"the steady state gives the twist, and {angles[0]} all other angles"
         errors.add(("initial", name), f"{both}; remove one of the two")

@@ -16,7 +16,7 @@ from bayesdrill.rig.models.linear import Model, missing_requirements, with_named
 def check_inputs(
     errors: IssueCollector, config: Config, model: Model | None
 ) -> dict[str, float | None]:
-    """Check all inputs against the model; return the constant ones in SI, None for a mistake."""
+    """Check all inputs against the model; return constant inputs in SI, None for mistakes."""
     constant: dict[str, float | None] = {}
     for entry, symbol in config.vocabulary.entries.items():
         spec = config.inputs.get(entry)
@@ -37,7 +37,7 @@ def check_inputs(
 
 
 def _check_required(errors: IssueCollector, config: Config, model: Model) -> None:
-    """Check that the config gives the inputs of the model, and no others."""
+    """Check that the config gives the inputs of the model, and no other inputs."""
     words, inputs = config.vocabulary, config.inputs
     given_entries = {n for n in inputs.model_fields_set if inputs.get(n) is not None}
     entries = [e for name in model.inputs for e in (name, words.imposed.get(name, name))]
@@ -69,7 +69,7 @@ def _missing_message(config: Config, name: str) -> str:
 
 
 def _check_angles(errors: IssueCollector, config: Config) -> None:
-    """Check that no entry contradicts an imposed angle, which also gives a speed and a start."""
+    """Check that no entry contradicts an imposed angle, which fixes a speed and a start."""
     for name, entry in config.vocabulary.imposed.items():
         spec = config.inputs.get(entry)
         if spec is None:

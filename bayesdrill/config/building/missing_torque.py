@@ -20,7 +20,7 @@ TORQUE_ENTRIES: Mapping[str, str] = {SIZE: "size", TIME: "time"}
 def check_torque(
     errors: IssueCollector, config: Config, model: Model, sensing: ObservationModel | None
 ) -> dict[str, float | Unknown | None]:
-    """Return size and correlation time of the missing torque; the inertia must be in the rig."""
+    """Check the missing torque of a config; return its size and correlation time."""
     acts = latent_torque(config)
     if acts is None:
         return {}
@@ -39,13 +39,13 @@ def latent_torque(config: Config) -> MissingTorque | None:
 
 
 def latent_torque_number(config: Config, name: str) -> float | Unknown:
-    """Return the size or time called `name`; a rig in translation has a missing force."""
+    """Return the torque's size or correlation time; rigs in translation have a missing force."""
     rotary = all(symbol.unit != "m" for symbol in config.vocabulary.states.values())
     noun, unit = ("torque", "N*m") if rotary else ("force", "N")
     about = f"size of the missing {noun}: its standard deviation"
     symbol = Symbol(SIZE, unit, "s_d", symbols.latex_unit(unit), about)
     if name == TIME:
-        about = f"time after which the missing {noun} is forgotten"
+        about = f"correlation time of the missing {noun}"
         symbol = Symbol(TIME, "s", r"\tau_d", "s", about)
     spec = getattr(config.missing_torque, TORQUE_ENTRIES[name])
     value, begin = number_in_si(spec, 1.0, unit=symbol.plain_unit)

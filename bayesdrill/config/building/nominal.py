@@ -19,14 +19,14 @@ from bayesdrill.rig.models.linear import Model, gear_factor
 class NominalValues:
     """Nominal values come from a table, unless the config gives them.
 
-    The verdict compares parameters with `compared`, the values of this rig. A table that the config
-    does not name may describe another rig. Its values are compared if the config uses them; all are,
-    if the config uses some and gives none of its own.
+    The verdict compares parameters with `compared`. If the config names no table, the default table
+    may describe another rig. Then only values that the config uses or gives are compared, or the
+    whole table if the config uses some of its values and gives none of its own.
     """
 
     values: Mapping[str, float]
     compared: Mapping[str, float]
-    published: tuple[str, ...]  # compared parameters whose value comes from a table
+    published: tuple[str, ...]  # compared parameters whose nominal value comes from a table
     tolerance: Mapping[str, float]  # relative tolerances of all parameters
     name: str  # a noun phrase for these values in sentences
 
@@ -54,7 +54,7 @@ def nominal_value(config: Config, model: Model, name: str) -> float:
 
 
 def nominal_table(config: Config, config_values: Mapping[str, float]) -> NominalValues:
-    """Return the named table with the config's own values, in SI; raises `ValueError` if unknown."""
+    """Return the table with the config's own values, in SI; raises `ValueError` if unknown."""
     given: Any = config.nominal
     table = given.table or symbols.DEFAULT_NOMINAL
     published_values = lookup(symbols.NOMINAL, table, "nominal table")

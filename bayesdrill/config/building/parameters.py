@@ -51,7 +51,7 @@ def build_model(config: Config, extra_names: Collection[str] = ()) -> Model:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigNumbers:
-    """The rig's numbers are parameters (or their expressions), quantities and formulas."""
+    """The rig's numbers are parameters (or their expressions), quantities and derived formulas."""
 
     parameters: Mapping[str, ParsedNumber | Expression]
     quantities: Mapping[str, ParsedNumber]
@@ -65,7 +65,7 @@ class RigNumbers:
         return resolve_relations(related)
 
     def space(self) -> ParameterSpace:
-        """Return the unknowns of one experiment alone; see `ResolvedCase.space`."""
+        """Return the parameter space of this experiment alone; see `ResolvedCase.space`."""
         return joint_space([("", self, {name: name for name in self.parameters})])
 
 
@@ -74,7 +74,7 @@ def joint_space(
     sensors: Sequence[ParsedNumber] = (),
     noise: Sequence[Unknown] = (),
 ) -> ParameterSpace:
-    """Return the joint space of `experiments`, given as labels, numbers and joint names."""
+    """Return the joint space of `experiments`, each given as (label, numbers, joint names)."""
     unknowns: list[Unknown] = []
     fixed: dict[str, float] = {}
     relations: dict[str, Expression] = {}
@@ -122,7 +122,7 @@ TRIED_DRAWS = 4096  # number of prior draws at which formulas are evaluated
 def check_rig(
     errors: IssueCollector, config: Config, model: Model, table: NominalValues
 ) -> RigNumbers | None:
-    """Return parameters, quantities and formulas; None if one has a mistake."""
+    """Return parameters, quantities and formulas; None if any of them has a mistake."""
     parsed_parameters = dict[str, ParsedNumber | Expression | None]()
     for name in config.vocabulary.parameters:
         location: Location = ("parameters", name)
@@ -156,7 +156,7 @@ def parse_parameter(
         return ParsedNumber(symbol=symbol, role="rig", value=fixed, start=fixed)
     if spec.relative and value is None:
         way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
-        raise ValueError(f"{no_table}, to be relative to; give {way_out}")
+        raise ValueError(f"{no_table}, so the prior cannot be relative; give {way_out}")
     keeps_sign = symbol.unit != "rad" and spec.numbers.get("mean", 0.0) > 0.0  # e.g. friction
     families = PRIORS if keeps_sign and spec.family == "normal" else spec.families
     built, upper_limit = build_prior(spec, value, families), symbol.at_most
@@ -171,7 +171,7 @@ def parse_parameter(
 
 
 def parse_relation(config: Config, model: Model, name: str) -> Expression | None:
-    """Return the expression from which parameter `name` follows; None for a value or a prior."""
+    """Return the expression that gives parameter `name`; None for a value or a prior."""
     entry, known_names = config.parameters.get(name), formula_names(config, model)
     if isinstance(entry, numbers.Tie):
         spec = entry.tie
@@ -193,7 +193,7 @@ def parse_relation(config: Config, model: Model, name: str) -> Expression | None
 
 
 def _removal_hint(name: str) -> str:
-    """Advise what to do about a parameter that the rig lacks: remove it or take another rig."""
+    """Return advice on a parameter that the rig lacks: remove it, or take another rig."""
     rigs = {n: with_all(kind()) for n, kind in MODELS.usable().items()}
     having = [n for n, rig in rigs.items() if name in rig.parameters]
     return f"remove it, or take model.name: {' or '.join(having)}" if having else "remove it"
@@ -265,7 +265,7 @@ def _check_relations(
 
 
 def check_used(errors: IssueCollector, config: Config, each: Iterable[RigNumbers]) -> set[str]:
-    """Check that some formula uses each quantity; return the names in formulas of parameters."""
+    """Check that each quantity is in a formula; return the names in formulas of parameters."""
     every = [*each]
     used = {name for rig in every for x in rig.related.values() for name in x.names}
     others = {name for rig in every for formula in rig.derived for name in formula.expression.names}
@@ -299,6 +299,6 @@ def _check_values(
 
 
 def free_parameters(config: Config, names: Iterable[str]) -> list[str]:
-    """Return those of `names` that have a prior."""
+    """Return the `names` of parameters that have a prior."""
     parameters = config.parameters
     return [name for name in names if isinstance(parameters.get(name), numbers.ParameterPrior)]

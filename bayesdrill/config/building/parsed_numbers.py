@@ -18,7 +18,7 @@ from bayesdrill.inference.unknowns import Role, labelled_symbol
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParsedNumber:
-    """A number in SI is fixed, or unknown with a `start`; one `unit` has `factor` SI units."""
+    """A number in SI is fixed, or unknown with a `start`; one `unit` is `factor` SI units."""
 
     symbol: Symbol
     role: Role
@@ -33,12 +33,12 @@ class ParsedNumber:
         return self.symbol.name
 
     def for_experiment(self, label: str) -> ParsedNumber:
-        """Return a copy that belongs to the experiment `label`."""
+        """Return a copy whose symbol has the label of an experiment."""
         return dataclasses.replace(self, symbol=labelled_symbol(self.symbol, label))
 
 
-_MAX_TRUNCATION = 5  # largest distance in sds of the mean of a truncated normal below zero
-MIN_RELATIVE_WIDTH = 1e-9  # a narrower prior holds hardly more than one floating-point number
+_MAX_TRUNCATION = 5  # largest distance, in sds, of a truncated normal's mean below zero
+MIN_RELATIVE_WIDTH = 1e-9  # a narrower prior contains only a few floating-point numbers
 
 
 def build_prior(
@@ -46,7 +46,7 @@ def build_prior(
     nominal_value: float | None = None,
     families: Mapping[str, Callable[..., Prior]] | None = None,
 ) -> Prior:
-    """Return the prior in its entry's unit; a `relative` one is scaled by `nominal_value`.
+    """Return the prior in its entry's unit; a `relative` prior is scaled by `nominal_value`.
 
     `families` are the prior families from which `spec` may choose.
     """
@@ -57,7 +57,7 @@ def build_prior(
         raise ValueError(f"{ends}; exchange or correct them")
     if positive and "mean" in values and values["mean"] < -_MAX_TRUNCATION * values["sd"]:
         below = f"mean {values['mean']:g} lies more than {_MAX_TRUNCATION} sd below zero"
-        nothing = "nothing of the prior is left; all unknowns are positive"
+        nothing = "hardly any of the prior is positive, as the unknown has to be"
         raise ValueError(f"{below}, so that {nothing}")
     built = families[spec.family](**values)
     if is_relative(spec) and nominal_value is not None:
@@ -76,7 +76,7 @@ def is_relative(spec: object) -> bool:
 
 
 def is_tied(spec: object) -> bool:
-    """Return whether a parameter follows from others."""
+    """Return whether an entry is a tie or a formula, from which its parameter is computed."""
     return isinstance(spec, numbers.Tie) or (isinstance(spec, str) and spec != "nominal")
 
 
@@ -100,9 +100,9 @@ def number_in_si(
     label: str = "it",
     unit: str = "",
 ) -> tuple[float | Prior, float]:
-    """Return a fixed value or a prior with its start, in SI; the entry's unit is `factor` in SI.
+    """Return (value or prior, start) in SI; one unit of the entry is `factor` SI units.
 
-    The number has no nominal value; messages call it `label` and ask for a prior in `unit`.
+    Such a number has no nominal value. The message for a relative prior names `label` and `unit`.
     """
     if isinstance(spec, float | int | numbers.Quantity):
         value = (spec.value if isinstance(spec, numbers.Quantity) else float(spec)) * factor
@@ -114,7 +114,7 @@ def number_in_si(
 
 
 def ends_of(value: float | Prior, tail: float) -> tuple[float, float]:
-    """Return the quantiles `tail` and `1 - tail` of a number's prior; both are a fixed value."""
+    """Return the quantiles `tail` and `1 - tail` of a number's prior, or a fixed value twice."""
     if isinstance(value, float):
         return value, value
     low, high = value.quantile(np.array([tail, 1 - tail]))

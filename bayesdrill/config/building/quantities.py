@@ -20,7 +20,7 @@ from bayesdrill.rig.models.linear import Model
 def parse_quantity(
     config: Config, name: str, spec: float | numbers.Quantity | QuantityPrior
 ) -> ParsedNumber:
-    """Return a quantity of the config as a number."""
+    """Return the number of a quantity, in SI."""
     _check_name(config, name)
     unit, factor = ("", 1.0) if isinstance(spec, float | int) else units.coherent(spec.unit)
     if isinstance(spec, numbers.Quantity) and spec.value <= 0:

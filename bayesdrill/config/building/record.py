@@ -25,7 +25,7 @@ def check_record(errors: IssueCollector, config: Config) -> None:
     for (_, end), (begin, _) in itertools.pairwise(spans):
         if not end < begin:
             message = f"a window that begins at {begin:g} s stands after one that ends at {end:g} s"
-            errors.add(("record", "window"), f"{message}; put them in order, apart from each other")
+            errors.add(("record", "window"), f"{message}; put them in order, without overlap")
 
 
 def check_series(errors: IssueCollector, location: Location, spec: Series) -> None:
@@ -45,4 +45,4 @@ def check_time(errors: IssueCollector, location: Location, time: object) -> None
 
 def _check_address(errors: IssueCollector, location: Location, spec: ColumnSpec) -> None:
     if spec.column is None and spec.variable is None:
-        errors.add(location, "neither `column:` nor `variable:` says where the numbers stand")
+        errors.add(location, "there is neither `column:` nor `variable:`; give one of the two")

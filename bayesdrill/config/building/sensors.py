@@ -48,7 +48,7 @@ SensorNumbers = Mapping[SensorEntry, ParsedNumber | None]  # None for a number w
 def check_sensors(
     errors: IssueCollector, config: Config, model: Model, free: Sequence[str]
 ) -> tuple[SensorNumbers, ObservationModel | None]:
-    """Return the numbers of sensors and initial state, and the model with `free` states."""
+    """Return the numbers of sensors and initial states, and the observation model."""
     checked = {e: _sensor_number(errors, e) for e in sensor_entries(config, model)}
     sensing = errors.run(("inputs",), build_sensing, config, [*checked], free)
     _check_ineffective(errors, config)
@@ -77,7 +77,7 @@ def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
         yield SensorEntry(("inputs", DELAY), "delay", "", delay, shift, "s")
     for name in model.outer:
         start = config.initial.get(name)
-        if isinstance(start, SensorPrior):  # fixed and `free` states have no entry
+        if isinstance(start, SensorPrior):  # fixed and `free` states have no `SensorEntry`
             symbol = symbol_of_state(model, name)
             yield SensorEntry(("initial", name), "state", name, symbol, start, symbol.unit)
 
@@ -85,7 +85,7 @@ def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
 def _column_entries(
     location: Location, late: SensorKind, spec: Any, si: str, latex: str
 ) -> Iterator[SensorEntry]:
-    """Yield the entries of a column; `late` is the kind of its lag (own lag or common delay)."""
+    """Yield the entries of a column; `late` is `lag`, or `delay` if all inputs share it."""
     name = str(location[-1])
     lag = f"lag of the sensor of {name}" if late == "lag" else f"delay of {name}"
     kinds: tuple[tuple[str, SensorKind, str, str, str, str], ...] = (
@@ -102,7 +102,7 @@ def _column_entries(
 
 
 def _sensor_number(errors: IssueCollector, entry: SensorEntry) -> ParsedNumber | None:
-    """Return the number of an entry; None if the entry or the column of its unit has a mistake."""
+    """Return the number of an entry; None if the entry or its column's unit has a mistake."""
     if entry.kind == "offset" and not getattr(entry.spec, "unit", None):
         try:
             units.factor(entry.unit, entry.symbol.unit)
@@ -150,15 +150,15 @@ def _check_ineffective(errors: IssueCollector, config: Config) -> None:
 def build_sensing(
     config: Config, entries: Sequence[SensorEntry], free: Sequence[str]
 ) -> ObservationModel:
-    """Return the observation model of an experiment: its sensor `entries` and `free` states."""
+    """Return the observation model of an experiment with these sensor `entries` and free states."""
     names: dict[tuple[SensorKind, bool], dict[str, str]] = defaultdict(dict)
     for entry in entries:
         names[entry.kind, entry.location[0] == "inputs"][entry.target] = entry.symbol.name
     delays = [*names["delay", True].values()]
     if len(delays) > 1 or (delays and names["lag", True]):
         raise ValueError(
-            "all inputs have one delay, `t_0:`, or each that is measured its own, `lag:`; give one of "
-            "the two"
+            "inputs have either one common delay, `t_0:`, or each measured input has a `lag:`; remove "
+            "one of the two"
         )
     return ObservationModel(
         gains=names["gain", False],

@@ -36,8 +36,8 @@ def check_settings(errors: IssueCollector, config: Config) -> None:
     if not moves_with_weights(known_moves, None, always_inside):
         alone = [(n, moves_with_weights({n: 1.0}, None, always_inside)) for n in MOVES.usable()]
         waiting = [name for name, moves in alone if not moves]
-        stays = "and a walker that its proposal misses would never move; give another move a weight"
-        message = f"no move but {' or '.join(waiting)} has a weight, {stays}"
+        stays = "whose proposal may never reach some walkers; give another move a weight"
+        message = f"no move has a weight except {' or '.join(waiting)}, {stays}"
         errors.add(("sampler", "moves"), message)
     for k, name in enumerate(config.output.figures or ()):
         errors.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
@@ -76,14 +76,14 @@ def check_calibration(errors: IssueCollector, config: Config) -> None:
 
 
 def check_simulation(errors: IssueCollector, config: Config) -> None:
-    """Check grid and true values of `simulation:`."""
+    """Check the time grid and the true quantities of `simulation:`."""
     simulation: Any = config.simulation
     if simulation is None:
         return
     if (simulation.duration is None) != (simulation.rate is None):
         errors.add(("simulation",), "`duration:` and `rate:` belong together; give both or neither")
     elif simulation.duration is not None and simulation.duration * simulation.rate < 1:
-        message = "the record would have one sample only; make it longer"
+        message = "the record would have only one sample; make it longer"
         errors.add(("simulation", "duration"), message)
     elif simulation.duration is not None:
         samples, channels = simulation.duration * simulation.rate, len(config.record.channels)

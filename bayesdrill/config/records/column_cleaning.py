@@ -52,7 +52,7 @@ class RecordColumn:
 
 
 def row_mask(sources: Sources, location: Location, spec: Series, clock: Clock) -> Mask:
-    """Return a mask `(n,)` of the rows that the config masks; a span without rows is an issue."""
+    """Return a mask `(n,)` of the rows that the config masks; add an issue for an empty span."""
     masked_rows, mask_spec = np.zeros(len(clock.t), dtype=np.bool_), as_mask_spec(spec.mask)
     spans: list[tuple[str, int, Sequence[float], NDArray[Any], str]]
     spans = [("rows", *span, clock.numbers, "") for span in enumerate(mask_spec.rows)]
@@ -62,8 +62,8 @@ def row_mask(sources: Sources, location: Location, spec: Series, clock: Clock) -
         in_span = (values >= first - slack) & (values <= last + slack)
         if not in_span.any():
             message = (
-                f"no sample lies from {first:g} to {last:g}{unit}: those that are used go from "
-                f"{values[0]:g} to {values[-1]:g}{unit}; correct both, the smaller first, or remove them"
+                f"no sample lies from {first:g} to {last:g}{unit}: used samples go from {values[0]:g} "
+                f"to {values[-1]:g}{unit}; correct the two numbers, the smaller first, or remove them"
             )
             sources.add((*location, "mask", entry, k), message)
         masked_rows |= in_span
@@ -81,7 +81,7 @@ def rows_after_jumps(clock: Clock, inputs: list[RecordColumn]) -> Mask:
 
 
 def unwrap(sources: Sources, column: RecordColumn) -> RecordColumn:
-    """Return the column, an angle unwrapped; add an issue if unwrapping is ambiguous."""
+    """Return the column, unwrapped if it has `wraps:`; add an issue if this is ambiguous."""
     wraps = column.spec.wraps if isinstance(column.spec, ChannelSpec | AngleColumn) else None
     if not wraps:
         return column
@@ -131,7 +131,7 @@ def mask_glitches(
         sources.notes.append(note)
     elif len(spikes):
         text = (
-            f"glitches: {column.name} leaves its course and is back within a few samples in "
+            f"glitches: {column.name} jumps away and returns within a few samples in "
             f"{count_noun(len(spikes), 'place')} ({count_noun(spikes.count, 'sample')})"
         )
         do = "; was it the sensor? Then leave them out ({}: mask: glitches)"
@@ -156,7 +156,7 @@ def _saturated_or_stuck(
         begin, end = (column.clock.t[rows[k[0]]] for k in (still.first, still.last))
         text = (
             f"stuck: {column.name} stays at exactly one value for {still.count} samples, from "
-            f"{begin:.6g} to {end:.6g} s, and elsewhere hardly ever repeats one"
+            f"{begin:.6g} to {end:.6g} s, and elsewhere hardly ever repeats a value"
         )
         do = (
             "; a sensor that was stuck, cut off or at the end of its range? Cut these samples off "
@@ -168,13 +168,13 @@ def _saturated_or_stuck(
 def _anomaly(
     column: RecordColumn, spans: Spans, rows: NDArray[np.intp], text: str, do: str
 ) -> Anomaly:
-    """Return an anomaly at the places `spans`; braces in `do` stand for the column's entry."""
+    """Return an anomaly at the places `spans`; `{}` in `do` is replaced by the column's entry."""
     where = tuple(_span_label(column.clock, spans, rows, k) for k in range(len(spans)))
     return Anomaly(text=text, where=where, do=do.format(".".join(map(str, column.location))))
 
 
 def _span_label(clock: Clock, spans: Spans, rows: NDArray[np.intp], k: int) -> str:
-    """Return rows and times of the span `k` in words; `rows` are the rows of the samples."""
+    """Return rows and times of the span `k` as text; `rows (n,)` are the rows of the samples."""
     first, last = int(rows[spans.first[k]]), int(rows[spans.last[k]])
     if first == last:
         return f"{clock.where(first)} ({clock.t[first]:.6g} s)"
@@ -195,7 +195,7 @@ def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
         at = column.clock.where(missing_ends[0]) if missing_ends else "every row"
         around = "on both sides" if straight else "before it"
         way_out = "cut these rows off (record.window), or name another column"
-        message = f"no number is there, at {at}, and none {around} to hold; {way_out}"
+        message = f"there is no number at {at}, and none {around} to fill the gap; {way_out}"
         sources.add(column.location, message)
         return column.values
     if straight:
@@ -203,11 +203,11 @@ def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
     return column.values[rows[np.searchsorted(rows, np.arange(len(missing)), side="right") - 1]]
 
 
-MAX_DERIVATIVE_MISMATCH = 0.3  # relative rms above which a channel is doubted as a derivative
+MAX_DERIVATIVE_MISMATCH = 0.3  # relative rms difference above which a derivative is doubted
 
 
 def report_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn]) -> None:
-    """Report that derived channels are not counted, and how well each fits its origin."""
+    """Report that derived channels are not fitted, and their mismatch with difference quotients."""
     for column in columns.values():
         origin = column.spec.derived_from if isinstance(column.spec, ChannelSpec) else None
         if origin is None:
@@ -220,7 +220,7 @@ def report_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn
             sources.notes.append(f"{not_counted}; {other}")
             continue
         kind, mismatch, times = comparison
-        like = f"{times:.4g} times the {kind} difference quotient of {origin} to {mismatch:.2g}"
+        like = f"{times:.4g} times the {kind} difference quotient of {origin} up to {mismatch:.2g}"
         like += " of its rms"
         sources.notes.append(f"{not_counted}; it is {like}")
         if mismatch > MAX_DERIVATIVE_MISMATCH:
@@ -230,7 +230,7 @@ def report_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn
 
 
 def _kinematic_factors(angle: str, speed: str) -> tuple[float, float] | None:
-    """Return the SI factors of the units of an angle (or position) and its speed; None for others."""
+    """Return the SI factors of the units of an angle or position and of its speed, else None."""
     for si, rate in SPEED_UNITS.items():
         try:
             return units.factor(angle, si), units.factor(speed, rate)
@@ -242,7 +242,7 @@ def _kinematic_factors(angle: str, speed: str) -> tuple[float, float] | None:
 def _compare_with_quotients(
     column: RecordColumn, origin: RecordColumn
 ) -> tuple[str, float, float] | None:
-    """Return the kind of the nearest difference quotient, its relative rms mismatch and factor."""
+    """Return kind, relative rms mismatch and factor of the nearest difference quotient, or None."""
     if column.clock is not origin.clock:
         return None
     in_both = ~np.isnan(column.values) & ~np.isnan(origin.values)

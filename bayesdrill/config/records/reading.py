@@ -43,18 +43,18 @@ from bayesdrill.record.experiment import (
 )
 from bayesdrill.record.formats.csv import CsvOptions
 
-MAX_LEAD = 1000  # in record lengths: a later first sample suggests times of a calendar clock
+MAX_LEAD = 1000  # in record lengths; a later first sample suggests dates or times of day
 
 
 def csv_options(record: RecordSpec) -> CsvOptions:
-    """Return the options of a text file that the config gives."""
+    """Return the options that the config gives for a text file."""
     return build_member(CsvOptions, record)
 
 
 def read(resolved: ResolvedExperiment, files: Files | None = None) -> Experiment:
     """Read the record of one experiment; raises `InputError`.
 
-    Tables and records that `files` holds already are not read again.
+    Tables and records that are already in `files` are not read again.
     """
     files = Files() if files is None else files
     first, known = files.records.get(resolved.label, (resolved, None))
@@ -83,7 +83,7 @@ def _origin(resolved: ResolvedExperiment) -> tuple[object, ...]:
 
 
 class _Reader:
-    """The reader passes once over a record, and collects the mistakes of all columns."""
+    """The reader reads a record once, and collects the mistakes in all columns."""
 
     def __init__(self, resolved: ResolvedExperiment, files: Files) -> None:
         self._resolved, self._config, self._source = resolved, resolved.config, resolved.source
@@ -159,7 +159,7 @@ class _Reader:
         t = clocks.union(times)
         counts = ", ".join(str(len(clock_times)) for clock_times in times)
         note = f"{len(t)} times of {len(times)} clocks ({counts} samples)"
-        self._sources.notes.append(f"{note}; times nearer than 1e-9 of a step are one")
+        self._sources.notes.append(f"{note}; times closer than 1e-9 of a step are merged")
         close = clocks.crowded_time(t, times)
         if not math.isnan(close):
             text = f"clocks: two of the record's times, at {close:.10g} s, are nearly the same"
@@ -200,7 +200,7 @@ class _Reader:
                 location, "leaves no fitted sample of a channel; hold fewer samples out"
             )
         held = count_noun(count, "sample is", "samples are")
-        self._sources.notes.append(f"{held} held out, and no evidence")
+        self._sources.notes.append(f"{held} held out, and not fitted")
         return held_out
 
     def _inputs(
@@ -212,7 +212,7 @@ class _Reader:
             column, entry = inputs[name], inputs[name].name
             if missing := int(np.isnan(column.values).sum()):
                 bridged = count_noun(missing, "sample is", "samples are")
-                self._sources.notes.append(f"{entry}: {bridged} bridged, hold: {spec.hold}")
+                self._sources.notes.append(f"{entry}: {bridged} bridged (hold: {spec.hold})")
             values = column_cleaning.bridge_gaps(self._sources, column)
             si = self._config.vocabulary.entries[entry].unit
             values = values * units.factor(spec.unit, si)
@@ -226,7 +226,7 @@ class _Reader:
         return series, start_angles
 
     def _on_record_times(self, t: Array, column: RecordColumn, values: Array) -> Array:
-        """Return an input with its own clock at the record's times, which contain those of the clock."""
+        """Return an input at the record's times, which include the times of the input's clock."""
         clock, slack = column.clock.t, 1e-9 * float(np.ptp(t)) / len(t)
         straight = isinstance(column.spec, InputColumn) and column.spec.hold == "first"
         rule = "" if isinstance(column.spec, AngleColumn) else ", or `hold: zero`"
@@ -283,7 +283,7 @@ class _Reader:
         return column_cleaning.unwrap(self._sources, column)
 
     def _t_start(self, time: Array, *, has_series: bool) -> float:
-        """Return the time of the initial state: the first sample's with measured inputs."""
+        """Return the time of the initial state; with measured inputs, that of the first sample."""
         if has_series:
             return float(time[0])
         t_start = self._config.initial.time
@@ -293,7 +293,7 @@ class _Reader:
             given = self._config.initial.time is not None
             location: Location = ("initial", "time") if given else ("record",)
             late = f"the initial state is at {t_start:g} s, after the first sample at {time[0]:g} s"
-            way_out = "give `initial: {time: ...}` at or before it"
+            way_out = "give `initial: {time: ...}`, at or before that sample"
             raise self._source.error(location, f"{late}; {way_out}")
         lead, length = time[0] - t_start, time[-1] - time[0]
         if self._config.initial.time is None and lead > MAX_LEAD * length:
@@ -314,6 +314,6 @@ def _unit_of_input(config: Config, name: str) -> Unit:
 
 
 def _is_first_order(spec: Series) -> bool:
-    """Return whether an input is linear between samples; the speed of an imposed angle is held."""
+    """Return whether an input is linear between samples; the speed of an imposed angle is not."""
     angle = isinstance(spec, AngleColumn)
     return isinstance(spec, InputColumn) and spec.hold == "first" and not angle

@@ -33,8 +33,8 @@ from bayesdrill.record.formats.csv import check_options
 from bayesdrill.record.formats.csv import table as text_table
 from bayesdrill.rig.simulators import simulator
 
-DIGITS = 9
-READ_BACK_TOLERANCE = 1e-8  # relative to the largest number in a column
+DIGITS = 9  # significant digits of the numbers in a simulated record
+READ_BACK_TOLERANCE = 1e-8  # largest error of numbers that are read back / range of their column
 
 
 def _check_format(resolved: ResolvedExperiment, target: Path | None) -> None:
@@ -101,7 +101,7 @@ def _columns(resolved: ResolvedExperiment, grid: Experiment, y: Array) -> list[t
 def _check_read_back(
     resolved: ResolvedExperiment, text: str, columns: list[tuple[str, Array]]
 ) -> None:
-    """Raise `InputError` if names or delimiters change the columns when the text is read."""
+    """Raise `InputError` if the text, read with the config's options, gives other columns."""
     options = reading.csv_options(resolved.config.record)
     try:
         table = text_table(sources.path_of(resolved), text, options)
@@ -111,7 +111,7 @@ def _check_read_back(
                 raise InputError.at("", f"column {name!r} would be read back with other values")
     except InputError as error:
         first = error.problems[0].message
-        message = f"the record could not be read as this config reads it: {first}"
+        message = f"this config could not read the simulated record: {first}"
         raise resolved.source.error(("record",), message) from None
 
 
@@ -122,10 +122,10 @@ def simulate(case: ResolvedCase, seed: int, target: Path | None = None) -> str:
 
 
 def simulate_all(case: ResolvedCase, seed: int, output: Path | None = None) -> dict[Path, str]:
-    """Return the simulated records of all experiments, by their files.
+    """Return the simulated records of all experiments as text, by path.
 
-    The files are `output`, or those that the config names. With several experiments, `output` is a
-    folder for files with these names. Raises `InputError` with all mistakes.
+    The path is `output`, or that of the record in the config. With several experiments, `output` is
+    a folder, in which each record keeps its file name. Raises `InputError` with all mistakes.
     """
     texts, problems = dict[Path, str](), list[Issue]()
     for index, resolved in enumerate(case.experiments):
@@ -147,11 +147,11 @@ def simulate_all(case: ResolvedCase, seed: int, output: Path | None = None) -> d
 def simulate_one(
     resolved: ResolvedExperiment, seed: int, target: Path | None = None, index: int = 0
 ) -> str:
-    """Return a record as text that the config itself reads, from `target` or its own record.
+    """Return the CSV text of a simulated record that the config can read.
 
-    Times and measured inputs come from the `simulation:` grid, or else from the record. True values
-    come from `simulation:`, or else from fixed or nominal values. Tied parameters follow from
-    these. Sensors have the start values of their priors.
+    `target` is the file of the record, by default the one that the config names. Times and measured
+    inputs are read from this config's record unless `simulation:` has a duration. True values of
+    parameters come from `truth`, and of sensors from `simulation:` or the starts of their priors.
     """
     _check_format(resolved, target)
     experiment = simulation_grid(resolved)
@@ -173,7 +173,10 @@ def simulate_one(
 
 
 def check_target(text: str, target: Path, read: Sequence[Path], *, force: bool) -> None:
-    """Raise `InputError` if writing to `target` would replace a file, above all one of `read`."""
+    """Raise `InputError` if `target` may not be written.
+
+    A file of `read` is never replaced. With `force`, a record with the same header is replaced.
+    """
     output_files.refuse_other_than_file(target)
     output_files.refuse_unwritable(target.parent)
     output_files.refuse_replacing(read, [target])
@@ -188,7 +191,7 @@ def check_target(text: str, target: Path, read: Sequence[Path], *, force: bool) 
 
 
 def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
-    """Return times and inputs of `simulation:` or of the record; the channels' values do not matter."""
+    """Return times and inputs of `simulation:` or of the record; its channels are not used."""
     config = resolved.config
     simulation: Any = config.simulation
     series = list(config.measured_inputs)
@@ -214,7 +217,7 @@ def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
 
 
 def truth(resolved: ResolvedExperiment) -> dict[str, float]:
-    """Return the parameters of the rig, in SI, for a simulated record."""
+    """Return the true parameters in SI: from `simulation:`, else fixed, nominal or start values."""
     rig, space = resolved.model, resolved.rig_numbers.space()
     simulation: Any = resolved.config.simulation
     named = {name: simulation and simulation.get(name) for name in rig.parameters}
@@ -250,14 +253,14 @@ def _noise_truth(resolved: ResolvedExperiment, unknown: Unknown) -> float:
 
 
 def _given_truth(resolved: ResolvedExperiment, name: str) -> float | None:
-    """Return the value in `simulation.truth` of this experiment, else that of all experiments."""
+    """Return the value in `simulation.truth` for this experiment, else for all experiments."""
     simulation: Any = resolved.config.simulation
     values = simulation.truth if simulation else {}
     return values.get(labelled_name(name, resolved.label), values.get(name))
 
 
 def _with_known_sigma(resolved: ResolvedExperiment, entry: NoisyChannel) -> NoisyChannel:
-    """Return the channel with the sigma of `simulation:`, if its own is unknown."""
+    """Return the channel with the sigma of `simulation:` if the channel's sigma is unknown."""
     if isinstance(entry.sigma, float):
         return entry
     simulation: Any = resolved.config.simulation

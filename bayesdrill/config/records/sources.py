@@ -1,4 +1,4 @@
-"""Read each file of a record once, make clocks of the files' times, and decimate records."""
+"""Read each file of a record once, check the times of its columns, and decimate records."""
 
 from __future__ import annotations
 
@@ -107,16 +107,16 @@ def relative_name(folder: Path, file: Path) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clock:
-    """A clock has times `t (n,)` [s] at `rows (n,)` of a table; `in_window (n,)` marks used ones."""
+    """A clock has times `t (n,)` [s] at `rows (n,)` of a table; `in_window (n,)` masks used times."""
 
     table: RecordTable
     t: Array
-    rows: NDArray[np.intp]  # with several clocks, includes the rows next to the windows
+    rows: NDArray[np.intp]  # with several clocks, also the rows next to the windows
     in_window: NDArray[np.bool_]
     n_rows: int
 
     def where(self, index: int) -> str:
-        """Return the place of a row in its file, in words."""
+        """Return the position of a row in its file as text, such as `line 18`."""
         return self.table.where(int(self.rows[index]))
 
     @property
@@ -125,7 +125,7 @@ class Clock:
         return np.asarray(self.table.numbers[self.rows], dtype=np.int64)
 
 
-MAX_KEPT = 4_000_000  # largest size of a kept table; larger ones would take the sampler's memory
+MAX_KEPT = 4_000_000  # largest number of values in a kept table, as the sampler needs the memory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +143,7 @@ class Files:
     def table(
         self, path: Path, form: str, options: Any, wanted: frozenset[str] | None
     ) -> RecordTable:
-        """Return the table of a file with all variables or those `wanted`; raises as formats do."""
+        """Return the table of a file, with all variables or only `wanted`; raises `InputError`."""
         key = (path, form, options, wanted)
         if key in self.tables:
             return self.tables[key]
@@ -269,7 +269,7 @@ class Sources:
         return None
 
     def _wanted(self, file: FileSpec | None) -> frozenset[str] | None:
-        """Return the variables that the config names in a file; None if one is given by number."""
+        """Return the variables that the config names in a file; None if one has only a number."""
         specs = [s for s in file_entries(self._config).values() if file_of(s) == file]
         times = [spec.time or self._config.record.time for spec in specs]
         columns = [*specs, *(time for time in times if isinstance(time, TimeColumn))]
@@ -282,15 +282,15 @@ def column_location(location: Location, spec: ColumnSpec) -> Location:
     return (*location, "column" if spec.column is not None else "variable")
 
 
-MIN_SAMPLES = 10
+MIN_SAMPLES = 10  # smallest number of samples after decimation
 
 
 def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) -> str:
-    """Return why a record cannot be decimated, with a way out; empty if it can."""
+    """Return why a record cannot be decimated, with advice; an empty text if it can be."""
     rows = len(experiment.t)
     if filtered and not experiment.uniform:
         way_out = "remove `decimate:`, write `filter: false`, or cut the record at gaps"
-        return f"a filter needs equal time steps, and these are not; {way_out}"
+        return f"a filter needs equal time steps, and the steps of this record differ; {way_out}"
     if filtered and not experiment.seen.all():
         k = int(np.argmin(experiment.counts))
         return (
@@ -301,15 +301,15 @@ def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) ->
     available = rows if filtered else min(experiment.counts)
     need = (clocks.filter_length(factor) if filtered else 1) + (MIN_SAMPLES - 1) * factor
     few = f"{count_noun(available, 'sample is', 'samples are')} too few"
-    wanted = f"{need} leave {MIN_SAMPLES}; take a smaller factor"
+    wanted = f"{need} are needed to keep {MIN_SAMPLES}; take a smaller factor"
     return f"{few}: {wanted}" if available < need else ""
 
 
 def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:
-    """Return the experiment with filtered channels that keep one sample in `factor`.
+    """Return the experiment with filtered channels that keep every `factor`-th sample.
 
-    Measured inputs keep every sample, as the rig follows each of their steps. The channels are then
-    NaN at all other samples.
+    Measured inputs keep all samples, as the rig responds to each of their steps. With such inputs,
+    channels are NaN at the samples that are not kept.
     """
     decimation = clocks.decimated(experiment.y, factor)
     if experiment.series:
@@ -323,9 +323,9 @@ def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:
         for sd, channel in zip(decimation.removed, experiment.channels, strict=True)
     )
     note = (
-        f"{', '.join(experiment.names)}: filtered and decimated, one sample of {factor} is left "
+        f"{', '.join(experiment.names)}: filtered and decimated, one sample in {factor} is kept "
         f"({len(decimation.samples)} of {len(experiment.t)}). The filter is a zero-phase FIR of {taps} "
-        f"samples, half of the amplitude at {half:.6g} Hz. {taps // 2} samples at either end are "
+        f"samples, half of the amplitude at {half:.6g} Hz. {taps // 2} samples at each end are "
         f"dropped. The filter removed (sd) {removed}. Sigma is the noise after the "
         "filter; the model is not filtered"
     )
@@ -333,7 +333,7 @@ def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:
 
 
 def decimate_unfiltered(experiment: Experiment, factor: int) -> Experiment:
-    """Return the experiment with one sample of `factor` of each channel, beginning with its first."""
+    """Return the experiment with every `factor`-th sample of each channel, from the first on."""
     measured = experiment.seen
     selected = measured & ((np.cumsum(measured, axis=0) - 1) % factor == 0)
     t, y = experiment.t, np.where(selected, experiment.y, np.nan)
@@ -345,8 +345,8 @@ def decimate_unfiltered(experiment: Experiment, factor: int) -> Experiment:
         for k, name in enumerate(experiment.names)
     )
     note = (
-        f"decimated without a filter: one sample of {factor} is left ({counts}), as it was "
-        "measured; motion above half the new rate stays as noise. Sigma is the noise of a single "
+        f"decimated without a filter: one sample in {factor} is kept ({counts}), as it was "
+        "measured; motion above half the new rate acts as noise. Sigma is the noise of a single "
         "sample"
     )
     return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, note))

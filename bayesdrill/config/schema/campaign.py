@@ -1,4 +1,4 @@
-"""Define the file of a campaign: a base config, its runs and the notes on each run."""
+"""Define the entries of a campaign's file: a base config, runs, and notes on each run."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class RunSpec(Strict):
         None, description="A number in `time_unit`, or a date such as 2026-03-01T12:00."
     )
     noted: dict[str, Number | None] = Field(default_factory=dict)
-    """Numbers that were noted beside the record, such as a temperature."""
+    """Numbers that were noted in addition to the record, such as a temperature."""
 
 
 class JumpSpec(Strict):
@@ -52,14 +52,14 @@ class CampaignSimulation(Strict):
     interval: Positive = 1.0
     """Time from one run to the next, in `time_unit`."""
     spread: dict[str, NonNegative] = Field(default_factory=dict)
-    """Relative standard deviations over runs, by parameter."""
+    """Relative standard deviations between runs of one rig, by parameter."""
     rig_spread: dict[str, NonNegative] = Field(default_factory=dict)
-    """Relative standard deviations over rigs, by parameter."""
+    """Relative standard deviations between rigs, by parameter."""
     drift: dict[str, Change] = Field(default_factory=dict)
     """Relative changes from the first run to the last, by parameter."""
     jump: JumpSpec | None = None
     noted: dict[str, dict[str, Number]] = Field(default_factory=dict)
-    """Standard normal columns of notes; each has relative changes of parameters per unit."""
+    """Notes with standard normal values; each has the relative changes of parameters per unit."""
     foreign: ForeignSpec | None = None
 
 
@@ -80,18 +80,18 @@ class CampaignSpec(Strict):
     ]
     """A glob such as `records/*.csv`, a list, or a table of runs (CSV or Parquet).
 
-    Files are relative to the folder of the glob's file, of the list, or of the table.
+    File names are relative to the folder of the campaign's file, or else of the table.
     """
     time_unit: TimeUnit = "s"
     """Unit of times that are numbers."""
     by_name: bool = False
     """If true, runs without times are equally spaced, in the order of their names."""
     noted: list[str] = Field(default_factory=list)
-    """Columns of the table that may explain how runs differ."""
+    """Columns of the table of runs that may explain differences between runs."""
     leave_out: list[str] = Field(default_factory=list)
     """Names of runs that are left out."""
     overrides: dict[str, dict[str, Any]] = Field(default_factory=dict)
-    """Entries of the config that differ in a run, by its name."""
+    """Entries of the config that differ in a run, by the name of the run."""
     effort: Annotated[int, Field(ge=100, le=100_000)] = 500
-    """Effective draws of each run."""
+    """Number of effective draws from the posterior of each run."""
     simulation: CampaignSimulation | None = None

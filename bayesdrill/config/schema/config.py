@@ -1,4 +1,4 @@
-"""Define the experiment config as validated records with defaults; its JSON schema follows.
+"""Define the config of an experiment as validated classes, from which the JSON schema is made.
 
 Unknown keys, wrong types and values out of range are errors. Conditions between several entries (a
 start inside its prior, symbols of the model, units) are checked in `building`.
@@ -53,7 +53,7 @@ class MissingTorqueSpec(Strict):
     """A missing torque is absent from the rig's equations and modelled as a Gaussian process."""
 
     at: str
-    """The inertia on which the torque acts; at the motor, on the motor's side of the gear."""
+    """The inertia on which the torque acts, on this inertia's side of a gear."""
     smoothness: Literal["1/2", "3/2"] = "3/2"
     """Smoothness of the Matern process: 1/2 is rough, 3/2 is differentiable."""
     size: SigmaSpec = Field(
@@ -63,7 +63,7 @@ class MissingTorqueSpec(Strict):
 
 
 Searches = Annotated[int, Field(ge=1, le=1000)]
-MAX_PIECES = 1000  # largest number of steps per sample; the default never exceeds 64
+MAX_PIECES = 1000  # largest number of integration steps per sample; the default is at most 64
 
 
 class DerivedSpec(Strict):
@@ -80,13 +80,13 @@ class DerivedSpec(Strict):
 
 @with_member_entries("name", MODELS.usable())
 class ModelSpec(Strict):
-    """The model names a rig and sets its constants; each rig has its own, with defaults."""
+    """The model section names a rig and sets the constants that this rig has."""
 
     name: str = Field("motor_shaft", description="The model.")
     pieces: Annotated[int, Field(ge=1, le=MAX_PIECES)] | None = Field(
         None,
-        description="Steps per sample of a rig with friction; default: enough for errors below a "
-        "tenth of the noise. ",
+        description="Integration steps per sample, for nonlinear rigs; default: enough for errors "
+        "below a tenth of the noise. ",
     )
 
 
@@ -105,14 +105,14 @@ class Parameters(NamedSection):
 
     model_config = ConfigDict(
         json_schema_extra={
-            "description": "A prior, a number, `nominal`, a tie or a formula; optional physics is "
-            "off unless it is named. "
+            "description": "Each parameter has a prior, a number, `nominal`, a tie or a formula; "
+            "optional physics is off unless its parameters are named. "
         }
     )
 
     @classmethod
     def defaults(cls, words: Vocabulary) -> Mapping[str, float | None]:
-        """Return no values, as the config has to give each parameter of the rig."""
+        """Return no defaults, since the config has to give each parameter of the rig."""
         return {}
 
 
@@ -136,7 +136,7 @@ class Nominal(NamedSection):
     __pydantic_extra__: dict[str, NominalSpec | None]
 
     table: str | None = Field(
-        None, description=f"Default: {symbols.DEFAULT_NOMINAL}, where the config relies on a table."
+        None, description=f"Default: {symbols.DEFAULT_NOMINAL}, for values that the config lacks."
     )
     tolerance: ToleranceSpec = Field(
         0.0, description="Relative tolerances: one number, or numbers by symbol and `default`."
@@ -148,16 +148,17 @@ class Simulation(NamedSection):
 
     __pydantic_extra__: dict[str, Number | None]
 
-    duration: Positive | None = Field(None, description="In s; default: the times of the record.")
-    rate: Positive | None = Field(None, description="[Hz]")
+    duration: Positive | None = None
+    """Duration of the record [s]; default: the times of the record."""
+    rate: Positive | None = Field(None, description="Sampling rate [Hz].")
     sigma: dict[str, Positive] = Field(default_factory=dict)
     """True sigma of each channel whose sigma is unknown."""
     quantities: dict[str, Positive] = Field(default_factory=dict)
     """True values of quantities, in their units; default: the starts of their priors."""
     truth: dict[str, Number] = Field(
         default_factory=dict,
-        description="True values of unknowns of sensors, starts and noise, and of `own` "
-        "parameters, by name, in their units; default: the starts of their priors.",
+        description="True values of `own` parameters, and of unknown numbers of sensors, noise and "
+        "initial states, by name, in their units; default: the starts of their priors.",
     )
 
 
@@ -176,7 +177,7 @@ class SamplerSpec(Strict):
 
     ensembles: Annotated[int, Field(ge=4, le=MAX_COUNT)] = 4
     walkers: Annotated[int, Field(ge=4, le=MAX_COUNT)] = 256
-    """Walkers of each ensemble; 96 for a rig with friction, 16 more for each experiment."""
+    """Walkers per ensemble; default for nonlinear rigs: 96, plus 16 per entry of `experiments:`."""
     moves: Annotated[dict[str, NonNegative], Field(min_length=1)] = Field(
         default_factory=lambda: {
             "differential_evolution": 0.09,
@@ -185,11 +186,11 @@ class SamplerSpec(Strict):
         }
     )
     r_hat: Annotated[float, Field(gt=1, le=LARGEST)] = 1.01
-    n_tau: Positive = Field(50.0, description="Number of kept steps, in autocorrelation times.")
-    ess: Positive = Field(4000.0, description="Bulk effective sample size of every unknown.")
+    n_tau: Positive = Field(50.0, description="Smallest ratio: kept steps / autocorrelation time.")
+    ess: Positive = Field(4000.0, description="Smallest bulk effective sample size of an unknown.")
     max_steps: Annotated[int, Field(ge=100, le=MAX_COUNT)] = 50_000
     likelihood: Literal["auto", "exact", "compressed"] = "auto"
-    """Use of all samples or of compressed ones, for long records of linear rigs (auto: the faster)."""
+    """Use all samples, or compressed ones (only for linear rigs); `auto`: whichever is faster."""
 
 
 class CalibrationSpec(Strict):
@@ -198,7 +199,7 @@ class CalibrationSpec(Strict):
     refits: Annotated[int, Field(ge=10, le=100_000)] = 200
     """Number of simulated records; each is refitted."""
     draws: Annotated[int, Field(ge=19, le=100_000)] = 99
-    """Number of nearly independent draws among which a true value is ranked."""
+    """Number of nearly independent posterior draws among which a true value is ranked."""
     starts: Searches = Field(16, description="Largest number of MAP searches of a refit.")
     n_tau: Positive = Field(20.0, description="As in `sampler`, for a refit.")
     ess: Positive = Field(400.0, description="As in `sampler`, for a refit.")
@@ -210,11 +211,11 @@ class IdentifySpec(Strict):
     """The identify section sets the thresholds of `identify` and how it ranks remedies."""
 
     of_interest: list[str] = Field(default_factory=list)
-    """Parameters by whose uncertainty remedies are ranked; default: all unknown ones."""
+    """Remedies are ranked by the uncertainty of these parameters; default: all unknown ones."""
     determined: Annotated[float, Field(gt=0, lt=1)] = 0.5
-    """Determined: the record brings the sd below this share of the prior's."""
+    """A parameter is determined if posterior sd / prior sd of its logarithm is below this number."""
     left_to_prior: Annotated[float, Field(gt=0, le=1)] = 0.9
-    """Left to the prior: the sd stays above this share of the prior's."""
+    """A parameter is left to the prior if this ratio is not below this number."""
 
     def classify(self, ratio: float) -> Identification:
         """Return the class of a ratio of posterior to prior sd, both of logarithms."""
@@ -236,18 +237,18 @@ class Config(Strict):
     experiments: Named[ExperimentSpec] = Field(default_factory=dict)
     """Several experiments with one rig, by name; each needs a record."""
     shared: NameList = Field(default_factory=list)
-    """Unknowns of sensors, starts and noise that all experiments have in common."""
+    """Unknowns of sensors, initial states and noise that have one value in all experiments."""
     own: NameList = Field(default_factory=list)
-    """Parameters of the rig that are a different unknown in each experiment."""
+    """Parameters of the rig that have a separate unknown value in each experiment."""
     model: ModelSpec = ModelSpec()
     nominal: Annotated[Nominal, shorthand("table")] = Field({}, validate_default=True)
     parameters: Parameters
     quantities: Named[QuantitySpec] = Field(default_factory=dict)
-    """Additional quantities that formulas of parameters may name."""
+    """Additional quantities that formulas of parameters may contain."""
     derived: Named[Annotated[DerivedSpec, shorthand("formula")]] = Field(default_factory=dict)
     """Formulas that are computed for every draw."""
     missing_torque: MissingTorqueSpec | None = None
-    """A torque over time that the rig's equations lack."""
+    """A torque that varies with time and is absent from the rig's equations."""
     map: MapSpec = MapSpec()
     sampler: SamplerSpec = SamplerSpec()
     output: OutputSpec = OutputSpec()
@@ -256,16 +257,16 @@ class Config(Strict):
     simulation: Simulation | None = None
 
     def model_post_init(self, context: Vocabulary | None, /) -> None:
-        """Keep the vocabulary, which is passed as the context of the validation."""
+        """Store the vocabulary, which is passed as the context of the validation."""
         self._vocabulary = context or HOUSE
 
     @property
     def vocabulary(self) -> Vocabulary:
-        """Return the names that the config may use, which are those of its rig."""
+        """Return the vocabulary of the rig, whose names the config may use."""
         return self._vocabulary
 
     def input_entry(self, name: str) -> str:
-        """Return the entry of `inputs:` that gives the input `name`: itself, or an imposed angle."""
+        """Return the key in `inputs:` that gives input `name`: `name`, or an imposed angle."""
         angle = self.vocabulary.imposed.get(name, name)
         return name if self.inputs.get(angle) is None else angle
 

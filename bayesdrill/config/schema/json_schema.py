@@ -1,7 +1,7 @@
 """Write the JSON schema of a config, with which editors complete and check configs.
 
-The schema lists all names of fixed rigs. Names of a described rig, such as `j_load`, are checked
-only by their form, and only in a config with such a `model:`.
+The schema lists all names of rigs with fixed symbols. Names of a rig whose parts the config lists,
+such as `j_load`, are checked only against a pattern.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def json_schema() -> str:
     schemas = {key: GenerateJsonSchema().sort(schema) for (key, _), schema in plain.items()}
     defs = whole["$defs"]
     schema = defs.pop("Config")
-    # The least restricted entries: numbers that may be negative, and driving inputs.
+    # Names with the least restricted entries: signed parameters, states and driving inputs.
     free_names = {name for name, symbol in HOUSE.parameters.items() if symbol.signed}
     free_names |= {*HOUSE.inputs, *HOUSE.starts} - {*HOUSE.idle}
     for place, entries in named.items():
@@ -71,7 +71,7 @@ def campaign_schema() -> str:
 
 
 def _nested(schema: dict[str, Any], place: tuple[str, ...]) -> dict[str, Any]:
-    """Return the subschema at `place`, which is created where it is missing."""
+    """Return the subschema at `place`; missing levels of it are created."""
     for name in place:
         schema = schema.setdefault("properties", {}).setdefault(name, {})
     return schema

@@ -20,15 +20,15 @@ from bayesdrill.rig.models.train import BACKWARD, Train
 
 
 def message_of(error: EntryError, location: Location) -> str:
-    """Return the message for an error of the entry at `location`, with a way out."""
+    """Return the message for an error of the entry at `location`, with advice how to correct it."""
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
     match kind:
         case "extra_forbidden":
             word = "symbol" if location[0] == "parameters" and len(location) == 2 else "key"
             if value is None and str(location[-1]).isdigit():
-                return f"unknown {word}; if a decimal comma made it, write a point"
+                return f"unknown {word}; if it follows a decimal comma, write a decimal point"
             if "<tie>" in error["loc"]:
-                return "a tied parameter has nothing else; remove this entry, or the tie"
+                return "a tied parameter has no other entries; remove this entry, or the tie"
             name = str(location[-1])
             near = did_you_mean(name, _keys_at(error))
             other = "" if error.get("is_train", True) else _train_of(name)
@@ -71,7 +71,7 @@ def message_of(error: EntryError, location: Location) -> str:
             there = f"{count_noun(len(value), 'entry stands', 'entries stand')} here"
             return f"{there}, wanted are at most {max_length}; take out {surplus}"
         case "string_type":
-            return f"{_shown(value)} is not text; put it in quotes if it is meant"
+            return f"{_shown(value)} is not text; put it in quotes if text is meant"
         case "model_type" | "model_attributes_type" | "dict_type":
             return f"{_shown(value)} stands where `key: value` entries are wanted, indented below"
         case "value_error":
@@ -117,7 +117,7 @@ def _hint(value: Any) -> str:
 
 
 def _train_of(name: str) -> str:
-    """Return the model entry for a symbol of a train, such as `goal_motor`; empty for others."""
+    """Return the model entry for a symbol of a train, such as `goal_motor`, else an empty text."""
     *_, part = name.removesuffix(BACKWARD).split("_")
     if len(part) < 3 or not re.fullmatch(NAME, part):
         return ""
@@ -144,7 +144,7 @@ def _keys_at(error: EntryError) -> list[str]:
 
 
 def _sections(annotation: Any) -> list[Mapping[str, Any]]:
-    """Return annotations by key, for each mapping that an annotation allows."""
+    """Return the annotations of the keys, for each kind of mapping that an annotation allows."""
     if isinstance(annotation, type) and issubclass(annotation, PriorSpec):
         return [_entries(family) for family in families_of(annotation) or (annotation,)]
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):

@@ -47,12 +47,12 @@ def _fixed_shape(value: Any) -> str:
 
 
 class NamedSection(Strict):
-    """A section has the entries of its class, and one entry for each name of the rig."""
+    """A named section has the entries of its class, and one entry for each symbol of the rig."""
 
     model_config = ConfigDict(extra="allow")
 
     def model_post_init(self, context: Vocabulary | None, /) -> None:
-        """Add the defaults of the rig's names; `context` is the rig's vocabulary."""
+        """Add the defaults of the rig's symbols; `context` is the rig's vocabulary."""
         entries: Any = self.__pydantic_extra__
         given = {**entries}
         entries.clear()
@@ -64,19 +64,19 @@ class NamedSection(Strict):
         return dict.fromkeys(words.parameters)
 
     def get(self, name: str) -> Any:
-        """Return the entry of a name of the rig; None without one."""
+        """Return the entry for a symbol of the rig; None if there is no such entry."""
         return (self.__pydantic_extra__ or {}).get(name)
 
 
 class PriorSpec(Strict):
-    """A prior is given by its family and the numbers of the family."""
+    """A prior is given by its family and the numbers that this family needs."""
 
     families: ClassVar[Mapping[str, Callable[..., Prior]]] = PRIORS
     family: ClassVar[str]  # the entry `prior` selects the class of a family
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Return the parameters of the prior's family."""
+        """Return the numbers that define the prior, by name."""
         return {name: getattr(self, name) for name in _entries(self.families[self.family])}
 
 
@@ -84,12 +84,12 @@ class ParameterPrior(PriorSpec):
     """The prior of a parameter may be relative to the nominal value."""
 
     relative: bool = False
-    """Bounds and scales are multiples of the nominal value."""
+    """If true, the numbers of the prior are multiples of the nominal value."""
     start: Positive | None = Field(
         None,
-        description="Start of the search for the MAP; default: the nominal value, or else the median. "
-        "Its unit is that of the column (sigma), `unit` (quantity) or SI (parameter, also with a "
-        "relative prior).",
+        description="Start of the MAP search; default: the nominal value, else the prior median. "
+        "Its unit is the column's unit for sigma, `unit` for a quantity, and SI for a parameter "
+        "(also with a relative prior).",
     )
 
 
@@ -99,7 +99,7 @@ class SignedPrior(ParameterPrior):
     families = MappingProxyType({**PRIORS, **SIGNED_PRIORS})
 
     start: Number | None = None
-    """Where the search for the MAP begins; default: the nominal value, or else the median."""
+    """Start of the MAP search; default: the nominal value, else the prior median."""
 
 
 class QuantityPrior(ParameterPrior):
@@ -113,14 +113,14 @@ class QuantityPrior(ParameterPrior):
 
 
 class SensorPrior(PriorSpec):
-    """The prior of a sensor or a start may include negative values."""
+    """The prior of a sensor's number or of an initial state may include negative values."""
 
     families = SIGNED_PRIORS
 
     start: Number | None = None
-    """Where the search for the MAP begins; default: the median."""
+    """Start of the MAP search; default: the prior median."""
     unit: str | None = None
-    """Unit of the numbers; default: the column's, s for times, SI for states."""
+    """Unit of the numbers; default: the column's unit for offsets, s for times, SI for states."""
 
 
 def _entries(family: Callable[..., Prior]) -> dict[str, Any]:
@@ -138,7 +138,7 @@ _SIGNED: Mapping[str, Any] = {
 
 
 def _spec(base: type[PriorSpec], name: str) -> type[PriorSpec]:
-    """Return the class of the prior family `name`: required entries, and those of `base`."""
+    """Return the class of the prior family `name`: its required entries, and those of `base`."""
     family = base.families[name]
     overrides = _SIGNED if base.families is not PRIORS and family is not LogUniform else {}
     fields: dict[str, Any] = {"prior": (Literal[name], ...)}
@@ -209,7 +209,7 @@ class Quantity(Strict):
 
 
 class NominalValue(Strict):
-    """A nominal value may have the unit and the side of the gear of its data sheet."""
+    """A nominal value may be given in the unit, and on the side of the gear, of its data sheet."""
 
     value: Positive
     unit: str | None = Field(None, description="Default: SI.")
@@ -239,9 +239,7 @@ SensorSpec = Annotated[
 ]
 DelaySpec = Annotated[
     SensorSpec | None,
-    Field(
-        description="Delay [s] with which all inputs act. A constant input is switched on at this time."
-    ),
+    Field(description="Delay [s] of all inputs. Constant inputs are switched on at this time."),
 ]
 StateSpec = Annotated[
     Annotated[Number, Tag("<number>")]

@@ -64,17 +64,17 @@ _NOISES = {name: kind.Entries for name, kind in NOISES.usable().items()}
 
 @with_member_entries("format", _OPTIONS)
 class FileSpec(Strict):
-    """A column may be in a file other than the record's."""
+    """A file entry names the file of a column that is not in the record's file."""
 
     path: str = Field(description="Relative to the folder of the config.")
-    format: str | None = Field(None, description="Default: by the file's ending.")
+    format: str | None = Field(None, description="Default: the format of the file name's ending.")
 
 
 @with_member_entries("name", _NOISES)
 class NoiseSpec(Strict):
     """The noise section sets the distribution of the measurement noise."""
 
-    name: str = Field("white", description="The kind.")
+    name: str = Field("white", description="Kind of noise.")
 
 
 FileEntry = Annotated[
@@ -86,11 +86,11 @@ FileEntry = Annotated[
 class MaskSpec(Strict):
     """A mask lists the samples of one column that are not used."""
 
-    glitches: bool = Field(False, description="Leave out the spikes that `check` lists.")
+    glitches: bool = Field(False, description="Leave out spikes, as reported by `check`.")
     rows: Annotated[list[Rows], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
-    """First and last rows, by the numbers that messages give."""
+    """First and last row of each masked span, both included, numbered as in messages."""
     times: Annotated[list[Window], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
-    """First and last times [s]; both are included."""
+    """First and last time of each masked span [s], both included."""
 
 
 MaskEntry = Annotated[
@@ -106,7 +106,7 @@ def _time_shape(value: Any) -> str:
 
 
 class ColumnSpec(Strict):
-    """A column is addressed by its name, its number from 1, or a variable."""
+    """A column is given by its name, by its number (from 1), or as a variable of an array file."""
 
     column: str | Count | None = None
     variable: str | None = None
@@ -115,19 +115,19 @@ class ColumnSpec(Strict):
 
 
 class TimeColumn(ColumnSpec):
-    """The time may be a column."""
+    """The time section may name a column that contains the times."""
 
     scale: Positive | None = Field(
-        None, description="Factor of all times, below 1 for a clock that runs fast; default: 1."
+        None, description="Factor of all times, below 1 if the clock ran fast; default: 1."
     )
-    offset: Number | None = Field(None, description="Added to all times, in their unit.")
+    offset: Number | None = Field(None, description="Added to all times, in the column's unit.")
 
 
 class TimeRate(Strict):
-    """The time may be evenly spaced."""
+    """The time section may give a constant sampling rate instead of a column."""
 
     rate: Positive = Field(description="Samples per second, for records without a time column.")
-    offset: Number | None = Field(None, description="Time of the first sample [s].")
+    offset: Number | None = Field(None, description="Time of the first sample [s]; default: 0.")
 
 
 TimeSpec = Annotated[
@@ -137,10 +137,10 @@ TimeSpec = Annotated[
 
 
 class Series(ColumnSpec, SensorFields):
-    """A series is a column of the record's file, or of another file with its own times."""
+    """A series is a column of the record's file, or of another file that may have its own times."""
 
-    file: FileEntry | None = Field(None, description="Default: the entry of the record.")
-    time: TimeSpec | None = Field(None, description="Default: the entry of the record.")
+    file: FileEntry | None = Field(None, description="Default: the file of the record.")
+    time: TimeSpec | None = Field(None, description="Default: the `time:` entry of the record.")
     mask: MaskEntry | None = Field(None, description="Samples that are not used.")
 
 
@@ -154,13 +154,13 @@ class InputColumn(Series):
     """An input may be a measured column."""
 
     hold: Literal["zero", "first"] = "zero"
-    """Between samples: constant (zero) or linear (first order)."""
+    """Order of the hold between samples: `zero` (constant) or `first` (linear)."""
     missing: Literal["hold"] | None = None
-    """`hold`: missing samples are bridged as `hold:` says; default: an error."""
+    """`hold`: gaps are filled by the rule of `hold:`; default: a missing sample is an error."""
 
 
 class AngleColumn(InputColumn):
-    """An imposed angle is a measured input."""
+    """An imposed angle is an input: the rig is driven by this measured angle."""
 
     hold: Literal["first"] = Field("first", description="The input is linear between samples.")
     wraps: WrapsEntry | None = None
@@ -173,8 +173,8 @@ class DecimateSpec(Strict):
     factor: Annotated[int, Field(ge=2, le=1000)]
     filter: bool = Field(
         True,
-        description="`false` keeps samples as measured, so that kinks of friction stay sharp; "
-        "motion faster than half the new rate remains as noise.",
+        description="`false` keeps samples as measured, so that kinks from friction stay sharp; "
+        "motion above half the new sampling rate is then aliased and acts as noise.",
     )
 
 
@@ -188,7 +188,7 @@ def inside_spans(t: Array, spans: list[tuple[float, float]]) -> NDArray[np.bool_
 
 
 def window_spans(given: list[float] | list[list[float]] | None) -> list[tuple[float, float]]:
-    """Return begin and end of each window [s]; an empty list stands for the whole record."""
+    """Return the begin and end of each window [s]; an empty list stands for the whole record."""
     if not given:
         return []
     pairs: Any = given if isinstance(given[0], list) else [given]
@@ -196,13 +196,13 @@ def window_spans(given: list[float] | list[list[float]] | None) -> list[tuple[fl
 
 
 def as_mask_spec(given: MaskSpec | str | None) -> MaskSpec:
-    """Return the mask of a column, which is empty without an entry."""
+    """Return the mask of a column; without an entry, the mask is empty."""
     if isinstance(given, str):
         return MaskSpec(glitches=True)
     return given or MaskSpec()
 
 
-MAX_NAMED = 50  # largest number of channels, quantities, formulas or names in a figure
+MAX_NAMED = 50  # largest number of named entries in a section, and of names in a list
 Format = Literal["pdf", "png", "svg"]
 
 
@@ -210,19 +210,19 @@ class OutputSpec(Strict):
     """The output section sets which figures are drawn and how many draws are predicted."""
 
     predictive_draws: Annotated[int, Field(ge=10, le=MAX_COUNT)] = 125
-    """Draws of each ensemble that have pointwise log likelihoods and predictive samples."""
+    """Number of draws per ensemble for predictive samples and pointwise log likelihoods."""
     figures: Annotated[list[str], Field(max_length=MAX_NAMED)] | None = None
-    """Names of figures; default: all except those on request."""
+    """Names of figures; default: all except those that are drawn only on request."""
     parameters: Annotated[list[str], Field(min_length=1, max_length=MAX_NAMED)] | None = None
-    """Unknowns in corner, trace and prior_posterior; default: all."""
+    """Unknowns in the figures corner, trace and prior_posterior; default: all."""
     corner: Annotated[list[str], Field(min_length=1, max_length=MAX_NAMED)] | None = None
     """Unknowns and derived quantities of the corner plot; default: `parameters`."""
     size: Literal["single", "double"] = "double"
-    """Width of figures: `single` is one column of a page (3.4 in), `double` is 7 in."""
+    """Width of figures: `single` is one text column (3.4 in), `double` is two (7 in)."""
     formats: Annotated[list[Format], Field(min_length=1, max_length=3)] | None = None
-    """Formats of figures; default: png, and pdf for corner plots, `map`, `identify`, `calibrate`."""
+    """Figure formats; default: png; also pdf for corner plots, `map`, `identify`, `calibrate`."""
     dpi: Annotated[int, Field(ge=50, le=1200)] = 220
-    """Pixels per inch of png, and of dots that other formats contain as pixels."""
+    """Resolution [pixels/inch] of png files, and of point clouds in pdf and svg files."""
 
     @property
     def formats_or_default(self) -> tuple[str, ...]:
@@ -242,7 +242,7 @@ class InputQuantity(Quantity):
 
     gain: SensorSpec | None = None
     offset: SensorSpec | None = Field(
-        None, description="The value in its unit: a number or a prior."
+        None, description="Constant that is added to the input, in its unit: a number or a prior."
     )
 
 
@@ -258,14 +258,14 @@ class ChannelSpec(Series):
     """A channel is a measured column."""
 
     measures: str | None = None
-    """Linear combination of theta_1, theta_2, w_1, w_2, i; default: the channel's name."""
+    """Linear combination of states, such as theta_1 - theta_2; default: the channel's name."""
     sigma: SigmaSpec
     """Noise standard deviation in the column's unit, or its prior when unknown."""
     noise: Annotated[NoiseSpec, shorthand("name")] = NoiseSpec()
     wraps: WrapsEntry | None = None
     """Period after which an angle wraps: `true` for one turn, or a number in the column's unit."""
     derived_from: str | None = None
-    """The channel from which this one was differentiated; the derivative is not fitted."""
+    """The channel whose derivative this channel is; a derived channel is not fitted."""
 
 
 @with_member_entries("format", _OPTIONS)
@@ -275,32 +275,32 @@ class RecordSpec(Strict):
     file: str = Field(description="Relative to the folder of the config.")
     format: str | None = Field(None, description="Default: by the file's ending.")
     rows: Rows | None = None
-    """Use only the rows from the first to the second, by the numbers that messages give."""
+    """First and last row that are used, numbered as in messages; default: all rows."""
     time: TimeSpec
     window: Windows | None = None
-    """Use only the samples from the first to the second time [s]; several windows may be given."""
+    """First and last time that are used [s], or a list of such windows; default: all times."""
     held_out: Windows | None = Field(
         None,
-        description="Samples from the first to the second time [s], or in several such windows, "
-        "that are not fitted: `compare` scores their prediction by each model.",
+        description="First and last time [s] of samples that are not fitted, or several windows; "
+        "`compare` scores how well each model predicts these samples.",
     )
     missing: Literal["drop"] | None = None
-    """`drop`: missing samples of a channel are left out; default: an error."""
+    """`drop`: missing samples of a channel are left out; default: a missing sample is an error."""
     decimate: DecimateSpec | None = None
     channels: Annotated[dict[str, ChannelSpec], Field(min_length=1, max_length=MAX_NAMED)]
 
 
-DELAY = "t_0"  # entry of the common delay of all inputs
+DELAY = "t_0"  # name of the entry for the common delay of all inputs
 
 
 class Inputs(NamedSection):
-    """The inputs depend on the rig: its model defines the possible and the required ones."""
+    """The inputs section has an entry for each input; the model defines which are required."""
 
     __pydantic_extra__: dict[str, Any]
 
     @classmethod
     def defaults(cls, words: Vocabulary) -> Mapping[str, float | None]:
-        """Return zero for loads, without which the rig moves too, and None for other inputs."""
+        """Return the default of each input: zero for loads that may be omitted, else None."""
         return {name: 0.0 if name in words.idle else None for name in (*words.entries, DELAY)}
 
 
@@ -315,23 +315,23 @@ class Initial(NamedSection):
         return dict.fromkeys(words.starts, 0.0)
 
     time: Number | None = None
-    """Time [s]; default: 0 with constant inputs, the first sample with measured ones."""
+    """Time [s]; default: 0, or the first sample if inputs are measured or `window:` is given."""
     state: Literal["given", "steady", "free"] = Field(
         "given",
-        description="States that are not named. given: zero; steady: the rig turns steadily "
-        "under the first inputs; free: unknown, with priors as wide as the channels.",
+        description="States that are not named. `given`: zero; `steady`: the rig turns steadily "
+        "under the first inputs; `free`: unknown, with wide priors from the record.",
     )
 
 
 class ExperimentSpec(Strict):
-    """One of several experiments has its own entries; common entries are at the top of the config."""
+    """An experiment has its own entries here; entries of all experiments are at the top level."""
 
     record: dict[str, Any] = Field(default_factory=dict, description="Entries as in `record:`.")
     inputs: dict[str, Any] = Field(default_factory=dict, description="Entries as in `inputs:`.")
     initial: dict[str, Any] | str = Field(default_factory=dict)
     """Entries as in `initial:`."""
     parameters: dict[str, Any] = Field(
-        default_factory=dict, description="Numbers and formulas that this experiment fixes."
+        default_factory=dict, description="Parameters fixed here, by numbers or formulas."
     )
     held_out: bool = False
-    """No sample of this experiment is fitted: `compare` scores its prediction by each model."""
+    """If true, this experiment is not fitted; `compare` scores how well each model predicts it."""

@@ -1,4 +1,4 @@
-"""Validate a config, and sections with names of the rig by the bounds of each symbol.
+"""Validate a config; in sections with names of the rig, each symbol has bounds of its own.
 
 The names of a section, and the bounds of their numbers, depend on the rig's vocabulary. The classes
 in `config` and `records` define all other entries.
@@ -32,7 +32,7 @@ from bayesdrill.config.schema.vocabulary import HOUSE, Vocabulary
 Place = tuple[str, ...]
 EntryError = dict[str, Any]  # the form of pydantic's errors; see `read_entry`
 
-# Classes of the sections with names of the rig, and of sections that contain them.
+# Classes of the sections with names of the rig, and of the sections that contain such sections.
 SECTIONS: Mapping[Place, type[Strict]] = {
     (): Config,
     ("parameters",): Parameters,
@@ -83,8 +83,8 @@ def named_entries(words: Vocabulary) -> Mapping[Place, Mapping[str, Any]]:
         inputs[name] = Annotated[spec, about]
         if angle := words.angles.get(name):
             what = "angle" if angle.unit == "rad" else "position"
-            text = f"the {what} that is imposed, as it was measured."
-            about = Field(description=f"[{angle.unit}] In the place of {name}: {text}")
+            text = f"the measured {what}, which is imposed on the rig."
+            about = Field(description=f"[{angle.unit}] Replaces {name}: {text}")
             inputs[angle.name] = Annotated[AngleColumn | None, about]
     inputs[DELAY] = numbers.DelaySpec
     entries["initial",] = dict.fromkeys(words.starts, numbers.StateSpec)
@@ -104,14 +104,14 @@ def read_config(
 ) -> tuple[Config | None, list[EntryError]]:
     """Return the config from plain data (None if it has errors), and the errors of all entries.
 
-    Entries that are equal in the plain data of a `known` config are not validated again.
+    Entries that are unchanged since an earlier validation, `known` (data, config), are not repeated.
     """
     errors: list[EntryError] = []
     if known is not None and known[1].vocabulary == words:
         data = _with_known(data, *known)
     read = _with_named_entries((), data, words, errors)
     config, others = read_entry(Config, read, (), words)
-    return (None if errors else config), [*others, *errors]  # the last error of an entry counts
+    return (None if errors else config), [*others, *errors]  # an entry's last error counts
 
 
 def read_entry(
@@ -119,7 +119,7 @@ def read_entry(
 ) -> tuple[Any, list[EntryError]]:
     """Return the validated value at a place (None if it has errors), and its errors.
 
-    An error is pydantic's mapping with an added `kind`, the type of the entry at `loc[:depth]`.
+    An error is pydantic's mapping with two more keys: `kind` is the type of the entry at `loc[:depth]`.
     """
     try:
         return adapter(kind).validate_python(value, context=words), []

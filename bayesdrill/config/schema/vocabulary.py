@@ -22,10 +22,10 @@ class Vocabulary:
     parameters: Mapping[str, Symbol]
     states: Mapping[str, Symbol]
     inputs: Mapping[str, Symbol]
-    combined: Mapping[str, Symbol]  # combinations of states whose names a channel may have
+    combined: Mapping[str, Symbol]  # linear combinations of states that have a name for channels
     inner: frozenset[str]  # states without an initial value in the config
-    angles: Mapping[str, Symbol]  # angles that may replace a speed, by the name of that speed
-    idle: frozenset[str]  # inputs that are zero unless they are named
+    angles: Mapping[str, Symbol]  # angles that may replace an input speed, by that speed
+    idle: frozenset[str]  # inputs that are zero unless the config gives them
     inertias: tuple[str, ...]
 
     def __hash__(self) -> int:
@@ -38,34 +38,34 @@ class Vocabulary:
 
     @cached_property
     def signals(self) -> Mapping[str, Symbol]:
-        """Return the symbols whose names a channel without `measures:` may have."""
+        """Return the symbols after which a channel without `measures:` may be named."""
         return {**self.states, **self.combined}
 
     @cached_property
     def imposed(self) -> Mapping[str, str]:
-        """Return the entry of the angle that may replace an input, by the input's name."""
+        """Return the name of the angle that may replace an input, by the input's name."""
         return {speed: angle.name for speed, angle in self.angles.items()}
 
     @cached_property
     def entries(self) -> Mapping[str, Symbol]:
-        """Return the symbols of inputs by entry; an angle follows the input that it may replace."""
+        """Return the symbols of inputs by name; an angle follows the input that it may replace."""
         pairs = ((symbol, self.angles.get(name)) for name, symbol in self.inputs.items())
         return {symbol.name: symbol for pair in pairs for symbol in pair if symbol is not None}
 
 
 def idle_inputs(rig: Model) -> set[str]:
-    """Return the inputs that are loads of a rig and zero by default."""
+    """Return the load inputs of a rig, which are zero by default."""
     pushes = {name for inertia in rig.roles.inertias for name in (inertia.load, inertia.torque)}
     return {name for name in pushes & {*rig.inputs} if not rig.symbols[name].drives}
 
 
 def described_rigs() -> list[str]:
-    """Return the names of the rigs whose parts a config describes."""
+    """Return the names of the models, such as `train`, whose parts a config lists itself."""
     return [name for name, kind in MODELS.usable().items() if kind().has_private_names]
 
 
 def _house() -> Vocabulary:
-    """Return the names that the rigs of fixed symbols share."""
+    """Return the common vocabulary of all rigs with fixed symbols."""
     rigs = [with_all(kind()) for kind in MODELS.usable().values()]
     rigs = [rig for rig in rigs if not rig.has_private_names]
     imposed = {speed: angle for rig in rigs for speed, angle in rig.imposed.items()}
@@ -85,13 +85,13 @@ HOUSE = _house()
 
 
 def vocabulary_of(rig: Model) -> Vocabulary:
-    """Return the vocabulary of a rig, which is `HOUSE` if it has no names of its own."""
+    """Return the vocabulary of a rig; for a rig with fixed symbols, it is `HOUSE`."""
     if not rig.has_private_names:
         return HOUSE
     plain: Any = rig
     bare: Model = dataclasses.replace(plain, added=())
     offered = [with_named(bare, (name, *needs)) for name, needs in bare.offers.items()]
-    variants, known = [bare, *offered], rig.symbols  # optional physics may exclude each other
+    variants, known = [bare, *offered], rig.symbols  # some optional parts exclude others
 
     def symbols_of(names: str) -> dict[str, Symbol]:
         return {name: known[name] for variant in variants for name in getattr(variant, names)}

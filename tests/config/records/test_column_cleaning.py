@@ -16,7 +16,7 @@ def test_glitches_are_listed_with_rows_and_times_and_kept(tmp_path: Path) -> Non
     experiment = read_measured(tmp_path)
     (anomaly,) = experiment.odd
     message = anomaly.in_words(5)
-    assert message.startswith("glitches: w_1 leaves its course")
+    assert message.startswith("glitches: w_1 jumps away")
     assert "2 places (3 samples): line 62 to 63 (0.9 to 0.91 s); line 152 (1.8 s)" in message
     assert "record.channels.w_1: mask: glitches" in message
     assert anomaly.in_words(1).count("line") == 1
@@ -57,7 +57,7 @@ def test_a_masked_glitch_of_an_input_is_held_over(tmp_path: Path) -> None:
     save(tmp_path, "r.csv", t=T, w=SPEED, u=supply)
     kept = read_measured(tmp_path, v="{column: u, unit: V}")
     assert kept.series["v"][90] == 250.0
-    assert "glitches: v leaves its course" in kept.odd[0].in_words(1)
+    assert "glitches: v jumps away" in kept.odd[0].in_words(1)
     masked = read_measured(tmp_path, v="{column: u, unit: V, mask: glitches}")
     assert masked.series["v"][90] == masked.series["v"][89] == pytest.approx(SUPPLY[89])
     assert masked.odd == ()

@@ -140,7 +140,7 @@ def test_missing_samples_of_an_input_are_bridged_as_it_is_held(
     experiment = read_measured(tmp_path, v=f"{column}, missing: hold}}")
     assert experiment.series["v"][30:34] == pytest.approx(bridged)
     assert np.isfinite(experiment.series["v"]).all()
-    assert f"v: 2 samples are bridged, hold: {hold}" in experiment.told
+    assert f"v: 2 samples are bridged (hold: {hold})" in experiment.told
     for row in filter(lambda end: end is not None, (first, last)):
         save(tmp_path, "r.csv", t=T, w=SPEED, u=with_blanks(SUPPLY, row))
         message = refused(tmp_path, v=f"{column}, missing: hold}}")

@@ -111,7 +111,7 @@ def test_without_a_filter_samples_are_left_as_measured(tmp_path: Path) -> None:
     assert experiment.t == pytest.approx(LONG[GAP][::10], abs=1e-12)
     assert experiment.y[:, 0] == pytest.approx(noisy[GAP][::10], abs=1e-9)
     (note,) = experiment.told
-    assert "one sample of 10 is left (300 of 2995 of w_1), as it was measured" in note
+    assert "one sample in 10 is kept (300 of 2995 of w_1), as it was measured" in note
     assert "a filter needs equal time steps" in refused(tmp_path, record=FILTERED)
 
 
