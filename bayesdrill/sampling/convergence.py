@@ -30,7 +30,7 @@ MIN_GROUP_DISTANCE = 1.0  # least distance between two groups of walkers, in sta
 MAX_VALLEY_RATIO = 0.5  # limit of (density between distinct groups) / (density of the lower peak)
 GROUP_BINS = 12  # bins of the histogram between the centres of two groups
 MIN_STAY_SHARE = 0.5  # shortest mean stay of walkers in a group, as a fraction of the kept steps
-FALSE_ALARM_PROBABILITY = 1e-6  # probability, per unknown, that a healthy chain seems to have a growing tau
+FALSE_ALARM_PROBABILITY = 1e-6  # probability, per unknown, of finding a growing tau by chance
 MIN_STEPS_FOR_WALKERS = 50  # with fewer kept steps single walkers are not judged
 
 

@@ -361,9 +361,9 @@ def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> Sampl
     share = 0.01
 
     def tell(steps: int) -> None:
-        report.update(share, f"{steps} of {goal} steps to the next look")
+        report.update(share, f"{steps} of {goal} steps to the next check")
 
-    report.update(0.0, "the ensembles go on" if have else "starting the walkers")
+    report.update(0.0, "continuing the ensembles" if have else "starting the walkers")
     while True:
         under_way.advance_to(goal, tell)
         theta = _physical(posterior, _stack(under_way.segments, "z", goal))

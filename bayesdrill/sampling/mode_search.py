@@ -63,7 +63,7 @@ class Mode:
     which is well below 1 at a maximum inside the prior.  `gain` is that of a Newton step.
     `at_bound` names unknowns within 0.1 % of an end of their prior, or with less than 0.1 % of the
     prior's mass between them and zero.  `steps` are scales of unknowns that may be negative, and
-    `pieces` the step sizes of rigs simulated in steps.  `left_out` estimates the mass of other maxima.
+    `pieces` the step sizes of stepped rigs.  `left_out` estimates the mass of other maxima.
     """
 
     values: Mapping[str, float]

@@ -164,7 +164,7 @@ def _best_mixture(
         share = round_.draws.effective_share
         settled = bool(rounds) and share < MIN_IMPROVEMENT * rounds[-1].draws.effective_share
         rounds.append(round_)
-        text = f"learning the proposal, round {len(rounds)}: {share:.0%} of its draws count"
+        text = f"learning the proposal, round {len(rounds)}: {share:.0%} of its draws are effective"
         report.update(len(rounds) / (MAX_ROUNDS + 1), text)
         good = share > MIN_EFFECTIVE_SHARE and round_.draws.trapped < MAX_TRAPPED_MASS
         hopeless = round_.draws.effective < HOPELESS_DRAWS  # one draw outweighs all others

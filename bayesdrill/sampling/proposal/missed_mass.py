@@ -27,7 +27,7 @@ MAX_TRIES_PER_DRAW = 10  # largest number of tries for each draw inside the prio
 MIN_TEMPERED_SHARE = 0.1  # the weights are tempered until this fraction of the draws is effective
 NEGLIGIBLE_WEIGHT = 1e-9  # added to the weights, as a sheet may have no draws
 WIDTH_ALONG, WIDTH_ACROSS = 1.3, 1.05  # widths of a component, relative to the weighted draws
-LOOKING = "looking for what the proposal leaves out"
+LOOKING = "looking for posterior mass that the proposal misses"
 
 
 def missed_mass(
