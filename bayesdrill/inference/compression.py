@@ -25,7 +25,7 @@ from bayesdrill.rig.simulators.contract import Simulator
 EXCERPT = 16384  # number of samples in the first excerpt
 GROWTH = 4  # factor by which an excerpt grows if it is too short
 POINTS = 256  # number of points about a maximum at which the compression has to be accurate
-POINT_SDS = (8.0, 3.0, 1.0)  # sds of the points / posterior sds; each third point has the same
+POINT_SDS = (8.0, 3.0, 1.0)  # draw k of the points has POINT_SDS[k % 3] times the posterior sd
 # Directions with a larger posterior sd are hardly determined: no points are spread along them.
 MAX_SPREAD = 0.05
 DEPTH = 40.0  # in log density: a maximum this far below the highest has no mass

@@ -244,7 +244,7 @@ def summarise(derived: Derived) -> tuple[DerivedRow, ...]:
 
 
 def estimate(x: Array, nominal: float | None) -> dict[str, Any]:
-    """Return mean, sd, HDI of draws `(N,)`, and relative deviation of the mean, by field."""
+    """Return mean, sd, HDI of draws `(N,)`, and relative deviation of the mean, by field name."""
     mean, (low, high) = float(x.mean()), hdi(x)
     deviation = None if nominal is None else mean / nominal - 1.0
     sd = float(x.std(ddof=1))

@@ -17,7 +17,7 @@ StepSizes = tuple[int, int]  # steps per sample, and substeps of a step with a r
 
 TRUTH_REFINEMENT = 16  # number of steps: reference solution / present solution
 MAX_ERROR_OVER_NOISE = 0.1  # largest accepted error of a sample, in sds of its noise
-# Errors of chosen steps are below this times the accepted error: other points may have larger.
+# Errors of chosen steps are below this fraction of the limit, as other points may exceed them.
 CHOICE_MARGIN = 0.5
 N_POINTS = 8  # number of points at which steps are tried; one point would take as long
 SCATTER = 0.1  # largest relative distance of these points in each unknown

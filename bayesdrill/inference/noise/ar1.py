@@ -24,7 +24,7 @@ from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
 
-GAP_TOLERANCE = 1e-3  # a gap this near to a whole number is rounded, since times are, too
+GAP_TOLERANCE = 1e-3  # a gap this near to a whole number is rounded, as times are inexact
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ class ChannelSpacing:
 
 @dataclass(frozen=True, slots=True)
 class Spacing:
-    """A spacing has those of all channels; `seen (T, K)` says whether a sample was measured."""
+    """A spacing lists those of all channels; `seen (T, K)` says whether a sample was measured."""
 
     channels: tuple[ChannelSpacing, ...]
     seen: Flags
@@ -138,7 +138,7 @@ def _gaps(gaps: Array) -> Array | None:
 
 
 def _without_memory(samples: Any, weight: Any) -> Any:
-    """Return samples minus `weight` times the previous sample, or zero before the first sample."""
+    """Return samples minus `weight` times the previous sample; zero precedes the first sample."""
 
     def delayed(x: Array) -> Array:
         return np.concatenate([np.zeros_like(x[:, :1]), x[:, :-1]], axis=1)

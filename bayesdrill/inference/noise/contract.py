@@ -41,7 +41,7 @@ class SimulatorResiduals:
     """Residuals are measured minus modelled values at W points, evaluated when they are first used.
 
     `full (W, P)` has the parameters of this simulator alone.  Samples are NaN where nothing was
-    measured.  Sums over the samples of K channels need no memory.  `over_scales (W, K)` are
+    measured.  Sums over samples do not store the samples.  `over_scales (W, K)` are
     weighted sums of squares, if a kernel has computed them.
     """
 

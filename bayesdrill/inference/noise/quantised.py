@@ -81,7 +81,7 @@ class Quantised(IndependentNoise):
         fine = (half < MIN_KERNEL_HALF_STEP).any(axis=1)
         if fine.any():
             terms = self.pointwise(residuals.samples[fine], theta[fine])
-            failed = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # besides missing
+            failed = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # besides missing samples
             exact = np.where(failed, np.nan, np.nansum(terms, axis=1))
             log_mass[fine] = np.where(half[fine] < MIN_KERNEL_HALF_STEP, exact, log_mass[fine])
         return np.asarray(log_mass)
