@@ -30,7 +30,7 @@ class Evidence:
 
     `log_z` is the natural log of the marginal density of the record in SI.  `overlap` is 0 if
     posterior and proposal are disjoint, and 1 if they are equal.  `log_z` includes `steps`, a
-    correction for finite time steps of simulated rigs, with the standard error `steps_error`.
+    correction for finite time steps if there are any, with the standard error `steps_error`.
     """
 
     log_z: float

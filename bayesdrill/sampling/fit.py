@@ -46,7 +46,7 @@ class FitPlan:
 
     The `optimiser` searches for the MAP from `starts`, with at most `evaluations` each.  `chains` are
     the settings of the ensembles.  Records with more than `shortest` samples are compressed, or
-    none if it is None.  A `brief` fit ends its searches when one has converged, without evidence.
+    none if `shortest` is None.  A `brief` fit stops after one converged search, without evidence.
     """
 
     optimiser: Optimiser

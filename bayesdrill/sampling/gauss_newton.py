@@ -11,13 +11,13 @@ from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.laplace import LogDensity, QuadraticModel
 
 MAX_STEP = 3.0  # longest step, in priors' spreads, since the quadratic model only holds nearby
-INITIAL_DAMPING = 0.1  # relative to the priors' precision; damps only loose directions much
+INITIAL_DAMPING = 0.1  # relative to the priors' precision; it hardly damps tight directions
 DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # multiples of the damping that each step tries
 CORRECTED_TRIALS = 2  # number of the least damped trials that are moved back to a curved ridge
 TIGHT_DAMPING = 100.0  # damping of this move, relative to priors' precision; fixes loose directions
 MAX_CORRECTIONS = 3  # largest number of steps back to a curved ridge, after a step along it
 SETTLED_GAIN = 1e-3  # in log density: a climb to a lower maximum stops if the next step gains less
-MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # limits; a climb that needs more damping ends
+MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a climb that needs more than the upper limit ends
 DAMPING_DECREASE = 0.3  # damping of the next step, divided by the damping of the best trial
 PACE_STEPS = 3  # number of last steps whose largest gain counts: short steps follow a failed one
 RELEASE_SLOPE = 1e-9  # an unknown at a bound is released if its scaled slope inwards exceeds this
@@ -162,7 +162,7 @@ def bounded_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: A
     """
     d = u.shape[1]
     matrix = here.curvature + (damping[:, None] / surface.spread**2)[:, :, None] * np.eye(d)
-    # Scaling the diagonal to one improves the condition if stiffnesses are very different.
+    # Scaling the diagonal to one improves its condition number if stiffnesses are very different.
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("wdd->wd", matrix), 1e-300))
     matrix = matrix * scale[:, :, None] * scale[:, None, :] + DIAGONAL_ROUNDING * np.eye(d)
     slope = here.slope * scale

@@ -30,7 +30,7 @@ LOWEST_LOG_DENSITY = -1e300  # log density of a search that ended outside the su
 MAX_MAXIMA = 64  # largest number of kept maxima, those with the most posterior mass
 NEGLIGIBLE_MASS = 1e-5  # total posterior mass of the maxima that are dropped
 MAX_MISSED_MASS = 0.02  # more posterior mass in maxima that were not followed raises a doubt
-MAX_STEPPED_STARTS = 32  # upper limit for a rig simulated in steps, as a climb takes seconds
+MAX_STEPPED_STARTS = 32  # largest number of starts for a stepped rig, as a climb takes seconds
 MULTI_STARTS = 24  # prior draws from which Gauss-Newton climbs without a simplex
 SEARCH_ROUNDS, MAX_CENTRES = 2, 8  # rounds of searches around maxima; most maxima per round
 POLISH_STEPS, NEWTON_STEPS = 40, 8  # steps of Gauss-Newton, then of Newton, that end a search
@@ -60,7 +60,7 @@ class Mode:
     """A mode is the highest maximum of the posterior; `others` are lower maxima with some mass.
 
     `slope` is the change of the log posterior per conditional standard deviation of each unknown,
-    which is well below 1 at a maximum inside the prior.  `gain` is that of a Newton step.
+    which is well below 1 at a maximum inside the prior.  `gain` is that of one more Newton step.
     `at_bound` names unknowns within 0.1 % of an end of their prior, or with less than 0.1 % of the
     prior's mass between them and zero.  `steps` are scales of unknowns that may be negative, and
     `pieces` the step sizes of stepped rigs.  `left_out` estimates the mass of other maxima.

@@ -123,7 +123,7 @@ def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
     return np.asarray(vectors[:, values < NEGLIGIBLE_CURVATURE])
 
 
-# The size of a box is divided by ten up to `MAX_SHRINKINGS` times, with a test by draws each time.
+# The size of a box is divided by ten up to `MAX_SHRINKINGS` times; each size is tested by draws.
 MAX_SHRINKINGS, SHRINKING_DRAWS = 14, 200
 STAGES = (0.15, 0.3, 0.5, 0.75, 1.0)  # lengths of the traced part, as fractions of the whole ridge
 # Smallest number of points in a stage and in the last stage, and largest number of points in all.
@@ -372,7 +372,7 @@ def covariance_roots(curvature: Array) -> Array:
 def _best_fit(
     base: LocalBasis, bent: Indices, psi: Array, tau: Array, roots: Array, *, last: bool
 ) -> tuple[RidgeMap, float]:
-    """Fit polynomials, with the least error at held-out points; return the ridge and this error."""
+    """Fit polynomials, with the degree of least error at held-out points; return ridge and error."""
     held_out = np.arange(len(psi)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     fitting = psi[~held_out], tau[~held_out], roots[~held_out]
     # Held-out points outside the ball of the fit are ignored: polynomials do not extrapolate.

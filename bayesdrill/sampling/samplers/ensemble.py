@@ -32,7 +32,7 @@ from bayesdrill.sampling.samplers.independence import (
 )
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
-LOCAL_SHARE = 0.2  # fraction of moves with local steps, since a batch of 1 costs as much as of 30
+LOCAL_SHARE = 0.2  # local steps follow this fraction of moves: 1 point costs as much as 30
 MIN_LENGTH, MAX_LENGTH = 0.01, 1.0  # lengths of local steps, in component widths / sqrt(D)
 
 

@@ -57,7 +57,7 @@ class WeightedDraws:
     def acceptance(self) -> float:
         """Return the expected acceptance of independence proposals, E min(1, w(y) / w(x)).
 
-        Here x is from p and y from q.  For x and y from q, it is E min(w(x), w(y)) / E w.
+        Here x is drawn from p and y from q.  It equals E min(w, w') / E w for two draws of q.
         """
         order = np.argsort(-self.log_w)
         ratio = np.exp(self.log_w[order] - self.log_w[order[0]])
@@ -116,7 +116,7 @@ def effective_count(weights: Array) -> float:
 
 Inside = Callable[[Array], Flags]
 
-# Weight of draws outside the prior; with 1, nine of ten draws would be outside in a corner of it.
+# Weight of draws outside the prior; with 1, nine of ten draws at a corner would be outside.
 CUT_OFF_FILL = 0.8
 VARIANCE_FLOOR = 1e-4  # fraction of a sheet's variance, added to that of each component
 LOG_2PI = float(np.log(2.0 * np.pi))
@@ -268,7 +268,7 @@ def improved(
 ) -> Mixture:
     """Return the mixture after a step of expectation maximisation, with `straightened` draws.
 
-    To the covariance of each component, the floor `(D, D)` of its sheet is added.
+    The covariance of each component is increased by the floor `(D, D)` of its sheet.
     """
     shares = current.responsibilities(y, jacobian, weights)
     totals = shares.sum(axis=1)
