@@ -129,7 +129,7 @@ def directional_curvature(directions: Array, curvature: Array) -> Array:
 
 # An offset is a parameter of the rig that may be negative, such as the tilt of an arm.
 Role = Literal["rig", "quantity", "offset", "sensor", "start", "noise"]
-RIG_ROLES: tuple[Role, ...] = ("rig", "quantity")  # these are positive, and come first
+RIG_ROLES: tuple[Role, ...] = ("rig", "quantity")  # such unknowns are positive, and come first
 # Unknowns with these roles are parameters of a simulator.
 SIMULATOR_ROLES: tuple[Role, ...] = ("rig", "quantity", "offset", "sensor", "start")
 Transform = Literal["log", "plain"] | tuple[float, float]

@@ -26,7 +26,7 @@ from bayesdrill.basics.findings import Finding
 # and, unless most walkers stay as long, `STUCK_RATIO` times the median of the longest stays.
 STUCK_SHARE, STUCK_RATIO = 0.5, 5.0
 LOW_DENSITY_QUANTILE = 0.001  # a median log_p below this quantile of the better half is low
-MIN_GROUP_DISTANCE = 1.0  # least distance between two groups of walkers, in standard deviations
+MIN_GROUP_DISTANCE = 1.0  # smallest distance between two groups of walkers, in sds
 MAX_VALLEY_RATIO = 0.5  # limit of (density between distinct groups) / (density of the lower peak)
 GROUP_BINS = 12  # bins of the histogram between the centres of two groups
 MIN_STAY_SHARE = 0.5  # shortest mean stay of walkers in a group, as a fraction of the kept steps

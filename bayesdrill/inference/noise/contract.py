@@ -254,7 +254,7 @@ class ChannelNumbers:
 SCORING_STEPS = 100  # largest number of steps of a fit
 SMALL_STEP = 1e-4  # a fit ends when no step is larger
 LARGEST_STEP = 1.0  # limit of a step of the log, or of an unknown between two ends
-END_MARGIN = 1e-4  # least distance of a fit from both ends / distance between the ends
+END_MARGIN = 1e-4  # smallest distance of a fit from both ends / distance between the ends
 
 
 def fit_noise(noise: Noise, residuals: Residuals, theta: Array) -> Array:

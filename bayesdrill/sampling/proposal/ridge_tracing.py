@@ -52,7 +52,7 @@ MAX_DEPTH = 100.0  # a point this far below the highest log density is not on th
 HELD_OUT_EVERY = 4  # every fourth point is held out of the fit
 PRIOR_MARGIN = 0.9  # the ridge has to be within the priors for this fraction of the way to a point
 NEAR_SDS = 0.5  # in standard deviations: after a shorter step, a point is on the Newton ridge
-NEWTON_ITERATIONS = 9  # largest number of these steps; bad polynomials may need half of it
+NEWTON_ITERATIONS = 9  # largest number of steps to a Newton ridge; bad polynomials may need half
 
 
 def split_directions(
@@ -372,7 +372,7 @@ def covariance_roots(curvature: Array) -> Array:
 def _best_fit(
     base: LocalBasis, bent: Indices, psi: Array, tau: Array, roots: Array, *, last: bool
 ) -> tuple[RidgeMap, float]:
-    """Fit polynomials, with the degree of least error at held-out points; return ridge and error."""
+    """Fit polynomials of the degree with least error at held-out points; return ridge and error."""
     held_out = np.arange(len(psi)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     fitting = psi[~held_out], tau[~held_out], roots[~held_out]
     # Held-out points outside the ball of the fit are ignored: polynomials do not extrapolate.

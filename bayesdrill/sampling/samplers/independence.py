@@ -23,7 +23,7 @@ from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 Random = np.random.RandomState
 
-LONG_LOG_RATIO = 2.0  # a walker is trapped if its log (p/q) is this much above the typical one
+LONG_LOG_RATIO = 2.0  # a walker is trapped if its log (p/q) is this much above the typical log (p/q)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class WeightedDraws:
 
     @property
     def effective_share(self) -> float:
-        """Return the share of draws from q alone that would be effective for p."""
+        """Return the fraction of draws from q alone that would be effective for p."""
         ratio, q = np.exp(self.log_w - self.log_w.max()), normalised(self.log_q)
         return float((q @ ratio) ** 2 / (q @ ratio**2))
 
@@ -72,7 +72,7 @@ class WeightedDraws:
 
     @property
     def typical_log_ratio(self) -> float:
-        """Return the median of log (p/q) over p."""
+        """Return the median of log (p/q) for draws of p."""
         order = np.argsort(self.log_w)
         middle = int(np.searchsorted(np.cumsum(self.weights[order]), 0.5))
         return float(self.log_w[order[min(middle, len(order) - 1)]])
@@ -310,7 +310,7 @@ class Proposal:
     """A proposal draws steps from a mixture, inside the prior.
 
     `share_inside` is the approximate fraction of the mixture's draws inside the prior, and
-    `typical_log_ratio` the median of log (p/q) over p.
+    `typical_log_ratio` the median of log (p/q) for draws of p.
     """
 
     mixture: Mixture
@@ -324,7 +324,7 @@ class Proposal:
     def draw(self, n: int, inside: Inside, random: Random) -> tuple[Array, Array]:
         """Draw `n` points `(n, D)` inside the prior; return them and their log q `(n,)`.
 
-        After `MAX_REDRAWS` rounds some points may be outside; these are never accepted.  Their
+        After `MAX_REDRAWS` rounds some points may be outside; such points are never accepted.  Their
         number does not depend on the walkers, so the chain stays exact.
         """
         have = 0

@@ -216,7 +216,7 @@ def residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
 
 
 def root_residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
-    """Return, for each point, the largest error of the log sd over all tight directions: `(N,)`."""
+    """Return, for each point, the largest error of the log sd of any tight direction: `(N,)`."""
     predicted = np.moveaxis(ridge.along(psi)[1], 2, 0)
     ratio = np.linalg.solve(predicted, roots)
     return np.asarray(np.abs(np.log(np.linalg.svd(ratio, compute_uv=False))).max(axis=1))
