@@ -23,7 +23,7 @@ from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 Random = np.random.RandomState
 
-LONG_LOG_RATIO = 2.0  # a walker is trapped if its log (p/q) is this much above the typical log (p/q)
+LONG_LOG_RATIO = 2.0  # a walker is trapped if log (p/q) is this much above its typical value
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,7 +324,7 @@ class Proposal:
     def draw(self, n: int, inside: Inside, random: Random) -> tuple[Array, Array]:
         """Draw `n` points `(n, D)` inside the prior; return them and their log q `(n,)`.
 
-        After `MAX_REDRAWS` rounds some points may be outside; such points are never accepted.  Their
+        Points may remain outside after `MAX_REDRAWS` rounds; such points are never accepted.  Their
         number does not depend on the walkers, so the chain stays exact.
         """
         have = 0
