@@ -1,7 +1,7 @@
-"""Search in an excerpt of a long record, and compress the whole to a few hundred numbers.
+"""Search in an excerpt of a long record, and compress the whole record to a few hundred numbers.
 
-A compression is accurate only for parameters near a point, which has to be known first.  A search
-therefore begins on the first part of a record, whose posterior shows which parameters are
+A compression is accurate only near a point of the parameters, so this point must be known first.  A
+search therefore begins on the first part of a record, whose posterior shows which parameters are
 plausible.  Counted operations, and never measured times, decide which records are compressed, so
 the same config gives the same results on every machine.
 """
@@ -23,12 +23,12 @@ from bayesdrill.rig.simulators import COMPRESSED_FROM
 from bayesdrill.rig.simulators.contract import Simulator
 
 EXCERPT = 16384  # number of samples in the first excerpt
-GROWTH = 4  # factor by which an excerpt grows if it does not suffice
+GROWTH = 4  # factor by which an excerpt grows if it is too short
 POINTS = 256  # number of points about a maximum at which the compression has to be accurate
-POINT_SDS = (8.0, 3.0, 1.0)  # posterior sds by which points are spread, each for every third point
+POINT_SDS = (8.0, 3.0, 1.0)  # draw k of the points has POINT_SDS[k % 3] times the posterior sd
 # Directions with a larger posterior sd are hardly determined: no points are spread along them.
 MAX_SPREAD = 0.05
-DEPTH = 40.0  # a maximum this far below the highest log posterior has no mass
+DEPTH = 40.0  # in log density: a maximum this far below the highest has no mass
 
 Compressions = Mapping[str, Compression]  # keys are labels of observations
 
@@ -98,14 +98,14 @@ def longer_excerpt(posterior: Posterior, short: Posterior, known: Compressions) 
 
 
 def first_samples(observation: Observation, samples: int) -> Observation:
-    """Return the observation with the first samples of its record; a short one is unchanged."""
+    """Return the observation with the first samples of its record; a short record is unchanged."""
     if len(observation.experiment.t) <= samples or not is_long(observation):
         return observation
     return observation.for_record(observation.experiment.first(samples))
 
 
 def nearby(posterior: Posterior, maxima: Array) -> Array:
-    """Return physical points `(n, D)` about maxima `(M, D)`, spread by up to 8 posterior sds."""
+    """Return physical points `(n, D)` about maxima `(M, D)`, with sds of up to 8 posterior sds."""
     parts = []
     for theta in maxima:
         u, rng = posterior.coordinates.from_physical(theta[None]), np.random.default_rng(0)

@@ -25,9 +25,9 @@ from bayesdrill.rig.steady_state import angle_indices, equilibrium, fix_rotation
 HDI_PROBABILITY = 0.94
 _N_PRIOR_DRAWS = 1000  # number of draws from the priors at which formulas are tried
 _LARGEST = 1e150  # a larger value is refused, since its square may overflow in the sd
-# A pair of poles this many times faster than the slowest is inside a part, and is not shown.
+# A pole pair this many times faster than the slowest pair vibrates inside a part: it is not shown.
 _MAX_FREQUENCY_RATIO = 100.0
-# A pole with a smaller relative imaginary part is real: rounding splits a double pole into a pair.
+# Poles with a smaller relative imaginary part count as real: rounding splits a double pole.
 _REAL_POLE_TOLERANCE = 1e-7
 
 
@@ -46,7 +46,7 @@ class Derived:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DerivedRow:
-    """A row summarises a derived quantity, in SI, over the `share` of draws at which it exists."""
+    """A row summarises a derived quantity, in SI, at the draws where it exists (`share` of all)."""
 
     name: str
     unit: str
@@ -213,7 +213,7 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
 def steady_values(
     model: Model, linear: Linear, n: int, inputs: Mapping[str, float]
 ) -> dict[str, Array]:
-    """Return the final speed and current `(n,)` at constant inputs; NaN if there are none.
+    """Return the final speed and current `(n,)` at constant inputs, each NaN if it does not exist.
 
     In the steady state all parts turn at the same speed, which is zero if a spring holds the rig.
     """
@@ -244,7 +244,7 @@ def summarise(derived: Derived) -> tuple[DerivedRow, ...]:
 
 
 def estimate(x: Array, nominal: float | None) -> dict[str, Any]:
-    """Return mean, sd, HDI of draws `(N,)`, and deviation of the mean, by fields of a row."""
+    """Return mean, sd, HDI of draws `(N,)`, and relative deviation of the mean, by field name."""
     mean, (low, high) = float(x.mean()), hdi(x)
     deviation = None if nominal is None else mean / nominal - 1.0
     sd = float(x.std(ddof=1))
@@ -254,7 +254,7 @@ def estimate(x: Array, nominal: float | None) -> dict[str, Any]:
 def hdi(x: Array) -> tuple[float, float]:
     """Return the narrowest interval that holds `HDI_PROBABILITY` of the draws `(N,)`.
 
-    ArviZ returns the same interval, but takes a second to load in each worker that draws.
+    ArviZ returns the same interval, but takes a second to load in each worker that plots.
     """
     ordered = np.sort(x)
     inside = min(int(HDI_PROBABILITY * len(x)), len(x) - 1)

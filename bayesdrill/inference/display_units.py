@@ -1,6 +1,6 @@
 """Convert unknowns, fixed values and derived quantities from SI to the units of the user.
 
-Files for machines are in SI.
+Machine-readable files are in SI.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class DisplayUnits:
         return plain(unit) if unit not in ("", "1") else ""
 
     def rows[R](self, si: Sequence[R]) -> tuple[R, ...]:
-        """Return the rows of a table in display units; each has a `name`, a `unit` and values."""
+        """Return table rows in display units; each row has a `name`, a `unit` and values."""
         return tuple(map(self._row, si))
 
     def _row(self, si: Any) -> Any:

@@ -26,10 +26,10 @@ from bayesdrill.rig.models.friction import DIRECTION
 from bayesdrill.rig.models.linear import Model
 
 BUMP_COUNTS = (3, 10, 30, 100)  # numbers of bumps along the record
-MIN_BUMP_SAMPLES = 6  # least number of samples in a bump
+MIN_BUMP_SAMPLES = 6  # smallest number of samples in a bump
 MIN_SPARSE_SAMPLES = 4096  # for records of at least this length, bumps are sparse matrices
-MIN_FAST_SAMPLES = 100  # least number of samples in a bump with several periods
-MIN_PERIOD_SAMPLES = 8  # least number of samples in a period
+MIN_FAST_SAMPLES = 100  # smallest number of samples in a bump with several periods
+MIN_PERIOD_SAMPLES = 8  # smallest number of samples in a period
 LARGE_MISFIT = 1e9  # replaces a misfit that is not finite
 MAX_SAMPLES = 20_000  # longer records are thinned to this many samples
 
@@ -69,7 +69,7 @@ def regression_start(posterior: Posterior) -> Array | None:
 def _motion(observation: Observation) -> Callable[[Array], Array] | None:
     """Return the function that maps parameters `(1, P)` to misfits; None if a state is missing.
 
-    Each equation with parameters has a misfit for each bump, relative to the norm of its left side.
+    Each equation with parameters has a misfit for each bump, divided by the norm of its left side.
     States and inputs `(T - 1,)` are taken in the middle of each step.
     """
     model, experiment = observation.response.model, observation.experiment
@@ -134,8 +134,8 @@ def _states(
 ) -> dict[str, Array]:
     """Return the states `(T,)` that follow from a record, by name.
 
-    A channel gives a state once all others that it measures are known.  Kinematic equations give
-    further states: angles are integrated from zero, and speeds are derivatives of angles.
+    A channel gives a state once all other states that it measures are known.  Kinematic equations
+    give further states: angles are integrated from zero, and speeds are derivatives of angles.
     """
     t, states = experiment.t[stride], dict[str, Array]()
     columns = zip(experiment.channels, experiment.y.T, experiment.seen.T, strict=True)
@@ -167,7 +167,7 @@ def _middle(x: Array) -> Array:
 
 
 def _bumps(t: Array) -> tuple[Any, Any]:
-    """Return M bumps `(M, T - 1)` along `t (T,)` and their slopes, both times the steps.
+    """Return M bumps `(M, T - 1)` along `t (T,)` and their slopes, multiplied by time steps.
 
     Bumps are whole periods of a sine, and overlap their neighbours by half.  If the shortest bumps
     have many samples, they get more periods to resolve faster oscillations.

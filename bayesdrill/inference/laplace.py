@@ -52,8 +52,8 @@ def sandwich(posterior: Posterior, theta: Array) -> Array:
 
     `theta (D,)` is physical, and the covariance is on the natural scales of the unknowns.  It is
     `H^-1 (J + P) H^-1` (Newey and West 1987), where H is the information of record and priors, and P
-    that of the priors.  J sums the products of the slopes of the log densities over all pairs of
-    samples; the mean of J is H - P if the noise model is right.
+    that of the priors.  J is the sum of g_s g_t' over all pairs of samples s and t, where g_t is
+    the slope of the log density of sample t.  If the noise model is right, the mean of J is H - P.
     """
     at = natural_directions(posterior, theta)
     slopes = [each.signal_slopes(at) for each in posterior.likelihood.observations]
@@ -130,7 +130,7 @@ def directions_at(posterior: Posterior, theta: Array, columns: Array) -> Directi
 
 
 def _record_rows(posterior: Posterior, theta: Array, slopes: Sequence[Array]) -> Array:
-    """Return whitened slopes `(n, D)` of all measured values, with a row per unknown of the noise."""
+    """Return whitened slopes `(n, D)` of all measured values, then rows for noise unknowns."""
     rows, levels = [], []
     for observation, shifts in zip(posterior.likelihood.observations, slopes, strict=True):
         whitened = observation.whitened_jacobian_at(shifts, theta)
@@ -143,7 +143,7 @@ def _record_rows(posterior: Posterior, theta: Array, slopes: Sequence[Array]) ->
 
 
 def residual_excess(posterior: Posterior, theta: Array) -> float:
-    """Return the mean squared residual over the noise variance, and at least 1."""
+    """Return the mean squared residual divided by the noise variance, and at least 1."""
     ratio = float(posterior.likelihood.mean_square(theta[None])[0])
     return max(ratio, 1.0) if np.isfinite(ratio) else 1.0
 
@@ -156,8 +156,8 @@ def matrix_root(matrix: Array) -> Array:
 
 
 N_QUANTILES = 200  # number of quantiles from which mean and spread of a prior are computed
-END_MARGIN = 1e-9  # relative distance from the ends of a prior that rounding cannot exceed
-TAIL_MASS = 1e-9  # probability beyond the search's end, for a prior without an end
+END_MARGIN = 1e-9  # distance from the ends of a prior, in its spreads; rounding errors are smaller
+TAIL_MASS = 1e-9  # prior probability beyond the end of a search, if the prior has no end
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +165,7 @@ class QuadraticModel:
     """A quadratic model of a function has value, slope and curvature at W points, in q directions.
 
     Shapes are `value (W,)`, `slope (W, q)` and `curvature (W, q, q)`, which is minus the second
-    derivative.  If the response overflows, `value` is -inf and the others are zero.
+    derivative.  If the response overflows, `value` is -inf, and slope and curvature are zero.
     """
 
     value: Array
@@ -191,7 +191,7 @@ class LogDensity:
     """
 
     def __init__(self, posterior: Posterior, *, physical: bool = False) -> None:
-        """Take the density over the unknowns, whose maximum is the MAP, if it is `physical`."""
+        """Take the density over the unknowns, whose maximum is the MAP, if `physical` is true."""
         self.posterior = posterior
         self.physical = physical
         self._priors = tuple(posterior.space.priors.values())
@@ -213,7 +213,7 @@ class LogDensity:
         return self.posterior(u)
 
     def inside(self, u: Array) -> Flags:
-        """Return whether the priors have a density at `u (W, D)`, `(W,)`."""
+        """Return whether the prior density at `u (W, D)` is not zero, `(W,)`."""
         return self.posterior.supports(u)
 
     def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
@@ -227,14 +227,14 @@ class LogDensity:
         return LogDensity(self.posterior.with_simulators(lambda old: old.response.unbounded))
 
     def approximate_model(self, u: Array, directions: Array) -> QuadraticModel:
-        """Return the curvature model of compressed records, also outside the region where they hold.
+        """Return the curvature model of compressed records, even where they are inaccurate.
 
-        The model only serves to find directions, for which the exact response would take too long.
+        The model only serves to find directions; the exact response would take too long for this.
         """
         return self._unbounded.curvature_model(u, directions)
 
     def curvature_model(self, u: Array, directions: Array) -> QuadraticModel:
-        """Return the model with 0 instead of the value, which would need one more simulation."""
+        """Return the quadratic model with value 0, since a value would need one more simulation."""
         with np.errstate(all="ignore"):
             theta = self.posterior.coordinates.to_physical(u)
             slope, curvature = self.record_slopes(theta, directions)
@@ -270,7 +270,7 @@ class LogDensity:
 
 
 def _ends(unknown: Unknown) -> tuple[float, float]:
-    """Return the ends of the search for an unknown: of its support, or of nearly all of it."""
+    """Return the ends of the search for an unknown: those of its support, or just inside."""
     prior = unknown.prior
     if unknown.between is not None:
         low, high = unknown.between
@@ -280,7 +280,7 @@ def _ends(unknown: Unknown) -> tuple[float, float]:
 
 
 def prior_ends(prior: Prior, tail: float) -> tuple[float, float]:
-    """Return the ends of a prior's support; instead of zero or infinity, the quantile of `tail`."""
+    """Return the ends of a prior's support; the quantile of `tail` replaces zero or infinity."""
     bounded = np.isfinite(prior.low) and prior.low != 0  # zero may have no density
     low = prior.low if bounded else float(prior.quantile(np.array(tail)))
     high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - tail)))

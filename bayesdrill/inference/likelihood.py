@@ -1,9 +1,9 @@
 """Combine a simulator and a noise into the likelihood of a record, given the unknowns.
 
 If a latent torque moves the rig, the simulator's residuals are a Gaussian process whose covariance
-follows from the rig.  A Kalman filter then evaluates the likelihood in state space.  Its slopes are
-exact.  Its curvature is that of Gauss and Newton for whitened residuals and their standard
-deviations; on average it is the Fisher information.
+follows from the rig.  A Kalman filter then evaluates the likelihood in state space.  Slopes of the
+likelihood are exact.  Its curvature is the Gauss-Newton approximation for whitened residuals and
+their standard deviations; on average it is the Fisher information.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
-MAX_SLOPE_BYTES = 6e7  # memory of the slopes that are computed at a time
+MAX_SLOPE_BYTES = 6e7  # upper limit of the memory of slopes that are computed at a time
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
     """An observation is a record with its density, given unknowns `theta` and parameters `full`.
 
-    `theta (W, D)` and `full (W, P)` include those of all observations, physical, in SI.  `response`
-    simulates the record, and `noise` is the density of the residuals.  Subclasses differ.
+    `theta (W, D)` and `full (W, P)` are physical, in SI, and include those of all observations.
+    `response` simulates the record, and `noise` is the density of the residuals.
 
     `parameters` and `noise_names` name the parameters of this simulator and the unknowns of this
-    noise.  `bind` sets the columns of these in `full` and `theta`: `columns` (None for all) and
-    `noise_columns`.  `label` is empty if there is only one experiment.
+    noise.  `bind` sets their column indices: `columns` in `full` (None for all) and `noise_columns`
+    in `theta`.  `label` is empty if there is only one experiment.
     """
 
     response: Simulator
@@ -132,7 +132,7 @@ class Observation:
     def scores(self, at: Directions, slopes: Array) -> Array:
         """Return slopes `(q, T, K)` of `pointwise` along the directions, at one point.
 
-        The argument `slopes (q, T, K)` is that of the signals.
+        The argument `slopes (q, T, K)` has the slopes of the signals.
         """
         count = len(slopes)
         unknowns = Dual(at.theta.repeat(count, axis=0), at.slopes * at.columns.T)
@@ -152,9 +152,9 @@ class Observation:
         return dataclasses.replace(self, response=response, parameters=parameters)
 
     def for_rig(self, model: Model, sensing: ObservationModel) -> Self:
-        """Return an unbound observation of another rig and other sensors, with the same steps.
+        """Return an unbound observation of another rig and other sensors, with the same time steps.
 
-        New parameters have the names of rig and sensors in the space, too.
+        A new parameter has the same name in the rig (or its sensors) and in the space.
         """
         old = self.response
         response = simulator(model, self.experiment, sensing, *(old.stepping or ()))
@@ -163,7 +163,7 @@ class Observation:
         return self.with_simulator(response, parameters)
 
     def for_record(self, experiment: Experiment) -> Self:
-        """Return an unbound observation of a shorter record, or one with other samples missing.
+        """Return an unbound observation of a shorter record, or of one with other missing samples.
 
         Raises `ValueError` if the noise needs every sample.
         """
@@ -203,7 +203,7 @@ class Observation:
         return self.noise.log_likelihood(self.residuals(full), theta[:, self.noise_columns])
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        """Return the log density `(W, T, K)` of each residual given those before it."""
+        """Return the log density `(W, T, K)` of each residual given earlier residuals."""
         return self.noise.pointwise(samples, theta[:, self.noise_columns])
 
     def scales(self, theta: Array) -> Array:
@@ -234,7 +234,7 @@ class Observation:
         return self.noise.whitened_jacobian(shifts, theta[:, self.noise_columns])
 
     def quadratic_terms(self, at: Directions) -> Iterator[tuple[Array, Array]]:
-        """Yield slopes `(W, q)` and curvatures `(W, q, q)` whose sums are the likelihood's."""
+        """Yield slopes `(W, q)` and curvatures `(W, q, q)` that sum to those of log L."""
         residuals, noise_theta = self.residuals(at.full), at.theta[:, self.noise_columns]
         if at.parameter_directions is not None:
             along = at.parameter_directions
@@ -277,7 +277,7 @@ class Observation:
         return fit_noise(self.noise, self.residuals(full), theta[self.noise_columns])
 
     def predict(self, full: Array, theta: Array) -> Array:
-        """Return the channels `(W, T, K)` without noise, with the motion by a latent torque, if any."""
+        """Return the channels `(W, T, K)` without noise, but with the motion by a latent torque."""
         return self.signals(full)
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
@@ -291,11 +291,11 @@ class Observation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LatentTorqueObservation(Observation):
-    """Observations of a rig that a latent torque moves belong to this class.
+    """An observation of this class has a rig that a latent torque moves.
 
     The `noise` of the sensors is white.  `process` has a number or an unknown for `SIZE` and `TIME`
     of the torque.  Arguments of the kernels `(W, n + P)` are the n unknowns of noise and torque, and
-    the P parameters of the simulator.  If given, `fixed (P,)` determine the covariance.
+    the P parameters of the simulator.  If not None, `fixed (P,)` determine the covariance.
     """
 
     kalman_filter: KalmanFilter
@@ -320,7 +320,7 @@ class LatentTorqueObservation(Observation):
 
     @property
     def key(self) -> object:
-        """Return the place of the torque, and the number or the unknown of its size and time."""
+        """Return where the torque acts, and its size and time as numbers or names of unknowns."""
         process = self.process.items()
         named = {entry: x.name if isinstance(x, Unknown) else x for entry, x in process}
         return dataclasses.asdict(self.kalman_filter.torque) | named
@@ -336,7 +336,7 @@ class LatentTorqueObservation(Observation):
         return dataclasses.replace(self, fixed=tuple(map(float, parameters)))
 
     def scale_torque(self, factor: float) -> LatentTorqueObservation:
-        """Return the observation with a known torque size times `factor`; an unknown one stays."""
+        """Return the observation with `factor` times a known torque size; an unknown size stays."""
         size = self.process[SIZE]
         if isinstance(size, Unknown):
             return self
@@ -410,7 +410,7 @@ class LatentTorqueObservation(Observation):
     def smooth(self, samples: Array, theta: Array) -> Array:
         """Return smoothed states `(W, T, n)` given all residuals `samples (W, T, K)`.
 
-        The last state is the torque over its size; the others are deviations that it causes.
+        The last state is torque / size; the other states are deviations that the torque causes.
         """
         with np.errstate(all="ignore"):
             states = self.kalman_filter.smooth(*self._filter_arguments(theta), samples)
@@ -461,7 +461,7 @@ class LatentTorqueObservation(Observation):
     ) -> tuple[Array, Array]:
         """Return slope `(W, q)` and curvature `(W, q, q)` of the log likelihood.
 
-        Slopes are `slopes (W, q, T, K)` of the residuals, and `along (W, q, n + P)` of the arguments.
+        Residuals have the slopes `slopes (W, q, T, K)`, and arguments the slopes `along`.
         """
         n, q = along.shape[:2]
         slope, curvature = np.empty((n, q)), np.empty((n, q, q))
@@ -478,7 +478,7 @@ class LatentTorqueObservation(Observation):
         return slope, curvature
 
     def _filtered(self, residuals: Dual, kernel_arguments: Dual) -> tuple[Array, ...]:
-        """Return whitened residuals, their slopes, variances of innovations, and their slopes."""
+        """Return whitened residuals and their slopes, innovation variances and their slopes."""
         arguments = (self._of_process, self.noise.scales)
         numbers = [*(affine_map(each, kernel_arguments) for each in arguments), residuals]
         with np.errstate(all="ignore"):
@@ -516,7 +516,7 @@ def observe(
 ) -> Observation:
     """Return the observation of a record, with a missing `torque` and its `process`, if any.
 
-    Names are those of a single experiment.  Raises `ValueError` if the noise beside a torque is not
+    Names are those of a single experiment.  With a torque, raises `ValueError` if the noise is not
     white, or if the Kalman filter cannot use the times.
     """
     names = [unknown.name for unknown in noise.unknowns]
@@ -526,8 +526,8 @@ def observe(
     if torque is None or process is None:
         return Observation(noise_names=names, **shared)
     if not noise.white:
-        why = "they are hard to distinguish; remove `noise:` of the channels, or this entry"
-        white = "beside a missing torque the noise of every channel has to be white"
+        why = "other noise resembles it; remove `noise:` of the channels, or this entry"
+        white = "a missing torque needs white noise in every channel"
         raise ValueError(f"{white}: {why}")
     step_lengths(response.experiment)
     return LatentTorqueObservation(

@@ -25,7 +25,7 @@ from bayesdrill.rig.simulators.contract import Simulator
 
 @dataclass(frozen=True, slots=True)
 class Likelihood:
-    """The log likelihood of unknowns `theta (W, D)` is a sum over observations that share them.
+    """The log likelihood of unknowns `theta (W, D)` is a sum over `observations`, which share them.
 
     Observations in `held_out` are only predicted, and do not enter the sum.
     """
@@ -57,7 +57,7 @@ class Likelihood:
         return sum(observation.n_measured for observation in self.observations)
 
     def mean_square(self, theta: Array) -> Array:
-        """Return the mean squared residual over the noise variance `(W,)`, which is 1 for noise."""
+        """Return mean squared residual / noise variance, `(W,)`, about 1 if only noise remains."""
         full = self.space.full(theta)
         squares = [each.weighted_squares(full, theta) for each in self.observations]
         return np.asarray(np.hstack(squares).sum(axis=-1) / self.n_measured)
@@ -68,7 +68,7 @@ class Likelihood:
         return [observation.signals(full) for observation in self.observations]
 
     def whitened_residuals(self, theta: Array) -> Array:
-        """Return whitened residuals `(n,)` at `theta (D,)`, model minus measured; zero if unseen."""
+        """Return whitened residuals `(n,)` at `theta (D,)`, model minus measured; 0 if missing."""
         full, parts = self.space.full(theta[None]), []
         for observation in self.observations:
             off = -observation.residuals(full).samples
@@ -86,7 +86,7 @@ class Likelihood:
         return observation
 
     def signals(self, theta: Array) -> Array:
-        """Return the channels of the only observation without noise, `(W, T, K)`."""
+        """Return the noise-free channels `(W, T, K)` of the only observation."""
         return self.only_observation.signals(self.space.full(theta))
 
 
@@ -95,7 +95,7 @@ class Posterior:
     """The posterior is not normalised: it is a normalised prior times a normalised likelihood.
 
     `posterior(z)` maps coordinates `(W, D)` to their log density `(W,)`, Jacobian included.  It is
-    finite or -inf, and never NaN.  `evaluate` also counts the failures.
+    finite or -inf, and never NaN.  `evaluate` also counts failed simulations.
     """
 
     space: ParameterSpace
@@ -112,7 +112,7 @@ class Posterior:
         """Return the posterior with some parts replaced.
 
         `free` lists parameters that become unknown.  They were fixed, or `convert` introduces them.
-        New unknowns of the rig follow its other unknowns; all others precede those of the noise.
+        New unknowns of the rig follow its old ones; other new unknowns precede those of the noise.
         `records` has a record `(T, K)` for each observation.  `convert` replaces each observation,
         also those that are held out; an example is `Observation.for_rig`.
         """
@@ -136,7 +136,7 @@ class Posterior:
         return self.evaluate(z)[0]
 
     def evaluate(self, z: Array) -> tuple[Array, int]:
-        """Return log densities `(W,)`, and the number of walkers inside the prior with no response."""
+        """Return log densities `(W,)`, and the number of points inside the prior that fail."""
         theta, log_jacobian = self.coordinates.with_jacobian(z)
         log_p, failures = self._density(theta)
         inside = log_p > -np.inf
@@ -144,7 +144,7 @@ class Posterior:
         return log_p, failures
 
     def supports(self, z: Array) -> Flags:
-        """Return whether the priors have a density at `z (W, D)`, `(W,)`; no model is evaluated."""
+        """Return whether the prior density at `z (W, D)` is not zero; nothing is simulated."""
         theta = self.coordinates.to_physical(z)
         return np.asarray(self.space.log_prior(theta) > -np.inf)
 
@@ -213,7 +213,7 @@ class Problem:
 
     @property
     def all_observations(self) -> tuple[Observation, ...]:
-        """Return all observations, with those that are held out."""
+        """Return all observations, including those that are held out."""
         return (*self.observations, *self.posterior.likelihood.held_out)
 
     @property

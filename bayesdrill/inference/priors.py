@@ -1,8 +1,8 @@
 """Define prior families: normalised one-dimensional densities, SI.
 
 Nearly every parameter of a rig is positive, so a family that reaches below zero is truncated there
-and renormalised.  Numbers of sensors and starts, and angles of rigs, may be negative: their priors
-have a `low` below zero, or no `low`.  `logpdf` is -inf outside the support and never NaN.
+and renormalised.  Unknowns of sensors and starts, and angles of rigs, may be negative: their priors
+have a `low` below zero, or none.  `logpdf` is -inf outside the support and never NaN.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Prior:
 
     @property
     def in_logs(self) -> bool:
-        """Return whether the logarithm of the unknown is sampled: never if zero has a density."""
+        """Return whether the logarithm is sampled: only if the density near zero vanishes."""
         return self.low > 0 or self.vanishes_at_ends
 
     def logpdf(self, x: Array) -> Array:
@@ -60,19 +60,19 @@ class Prior:
         """Return first and second derivatives of the log density inside the support, `(N,)` each."""
         density = dual(self._log_density(Dual(Dual(x, 1.0), Dual(1.0, 0.0))))
         first = dual(density.slope)
-        zeros = np.zeros_like(x)  # broadcast what does not depend on x
+        zeros = np.zeros_like(x)  # broadcast derivatives that do not depend on x
         return first.value + zeros, first.slope + zeros
 
     def _log_density(self, x: Any) -> Any:
-        """Return the log density inside the support, of an array or of numbers with slopes."""
+        """Return the log density inside the support, at an array or at dual numbers."""
         raise NotImplementedError
 
     def quantile(self, u: Array) -> Array:
-        """Return the inverse of the distribution at `u (N,)`."""
+        """Return the quantiles at the probabilities `u (N,)`."""
         raise NotImplementedError
 
     def scaled(self: Any, factor: float) -> Prior:
-        """Return the prior after multiplying the unknown by a `factor` above 0, as for another unit."""
+        """Return the prior of the unknown times `factor` > 0, as for another unit."""
         names = (field.name for field in dataclasses.fields(self))
         moved = {name: getattr(self, name) * factor for name in names if name != "sd_log"}
         scaled: Prior = dataclasses.replace(self, **moved)
@@ -127,7 +127,7 @@ class LogUniform(Prior):
 
 @dataclass(frozen=True, slots=True)
 class TruncatedNormal(Prior):
-    """x is Normal(mean, sd) given low <= x <= high; mean and sd hold before truncation."""
+    """x is Normal(mean, sd) given low <= x <= high; mean and sd are those before truncation."""
 
     mean: Number
     sd: Positive
@@ -139,7 +139,7 @@ class TruncatedNormal(Prior):
         return -0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd) - self._log_mass()
 
     def quantile(self, u: Array) -> Array:
-        # Work in the tail that is nearer, where the normal integral keeps its digits.
+        # Work in the nearer tail, where the normal integral keeps its digits.
         ndtr, (a, b) = scipy.special.ndtr, self._ends()
         if a > 0:
             z = -scipy.special.ndtri(ndtr(-b) + (1 - u) * (ndtr(-a) - ndtr(-b)))
@@ -244,5 +244,5 @@ def prior_sd(prior: Prior) -> float:
 
 
 def prior_log_sd(prior: Prior) -> float:
-    """Return the standard deviation of the logarithm of the same quantiles."""
+    """Return the standard deviation of the logarithms of the quantiles that `prior_sd` uses."""
     return float(np.std(np.log(np.maximum(prior.quantile(_PROBABILITIES), 1e-300))))

@@ -1,7 +1,7 @@
 """Test whether noise alone explains the residuals of the best fit.
 
 All statements on the unknowns assume the model and white noise of the given size.  Residuals show
-whether both hold: by their size over sigma, by outliers, by their autocorrelation, and by their
+whether both hold: by their size / sigma, by outliers, by their autocorrelation, and by their
 correlation with an input (Ljung, System Identification, 2nd ed., section 16.6).
 """
 
@@ -23,20 +23,20 @@ from bayesdrill.inference.posterior import Likelihood
 from bayesdrill.record.experiment import Channel
 
 FALSE_ALARM = 0.01  # probability of a finding if the model and its noise are right
-# Above this rms over sigma, statements that assume the noise are not believed.
+# Above this rms / sigma, statements that assume the noise are not believed.
 MAX_BELIEVABLE_RMS = 1.5
-# If neighbours are correlated this much, sds are too small by a factor of two.
+# If neighbouring residuals are correlated this much, sds are too small by a factor of two.
 MAX_BELIEVABLE_CORRELATION = 0.6
 TESTS_PER_CHANNEL = 5  # size and correlation in both directions, and the largest residual
 N_LAGS = 25  # largest lag [samples] at which correlations are shown
-MAX_MEMORY_LAG = 100  # largest lag [samples] at which autocorrelations count in sds
+MAX_MEMORY_LAG = 100  # largest lag [samples] of autocorrelations that increase sds
 BAND_PROBABILITY = 0.99  # probability that an uncorrelated value lies inside its band
-MAX_STEPS_PER_SAMPLE = 4  # a record with more grid steps per sample has no regular step
+MAX_STEPS_PER_SAMPLE = 4  # a record with more steps of its time grid per sample has no regular step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualLimits:
-    """Noise alone keeps the rms over sigma from `least` to `most`, and the rest below limits."""
+    """Noise alone keeps rms / sigma from `least` to `most`, and the rest below limits."""
 
     least: float
     most: float
@@ -49,9 +49,9 @@ class ResidualSummary:
     """A summary describes the residuals of one channel.
 
     `rms` is relative to sigma, and `correlation` is that of neighbouring samples.  The largest
-    residual, `farthest` in sigmas, is at `time` [s].  `share` is the rms error over the channel's
-    standard deviation; `simulated` is that of the simulation alone, and `ahead` that of predictions
-    one step ahead. All three are NaN if the channel is constant.  A single `experiment` is empty.
+    residual, `farthest` in sigmas, is at `time` [s].  `share` is rms error / sd of the channel;
+    `simulated` is this ratio for the simulation alone, and `ahead` for predictions one step ahead.
+    The three ratios are NaN if the channel is constant.  `experiment` is a label or empty.
     """
 
     channel: str
@@ -115,7 +115,7 @@ def like_noise(summaries: Sequence[ResidualSummary]) -> bool:
 def residual_summaries(likelihood: Likelihood, theta: Array) -> tuple[ResidualSummary, ...]:
     """Return the summaries of all channels at the unknowns `theta (D,)`.
 
-    If sigma is unknown, the rms over sigma is near one unless the prior of sigma prevents it.
+    If sigma is unknown, rms / sigma is near one unless the prior of sigma prevents it.
     """
     full, observations = likelihood.space.full(theta[None]), likelihood.observations
     n_channels = sum(len(observation.experiment.channels) for observation in observations)
@@ -200,7 +200,7 @@ def correlations(likelihood: Likelihood, theta: Array) -> tuple[ResidualCorrelat
 
 
 def followed_inputs(correlations: Sequence[ResidualCorrelation]) -> tuple[Finding, ...]:
-    """Return the residuals that follow an input more than chance explains at any of the lags."""
+    """Return findings on residuals that follow an input more than by chance at any of the lags."""
     of_inputs = [correlation for correlation in correlations if correlation.input]
     looks = sum(len(correlation.lags) for correlation in of_inputs)
     findings = []
@@ -232,7 +232,7 @@ def _correlations(
         step = float(np.median(np.diff(t)))
         indices = np.round((t - t[0]) / step).astype(int)
         if (np.diff(indices) < 1).any() or indices[-1] > MAX_STEPS_PER_SAMPLE * len(t):
-            indices = np.arange(len(t))  # lags count samples without a regular step
+            indices = np.arange(len(t))  # without a regular step, lags count samples
         residuals = np.full(indices[-1] + 1, np.nan)
         residuals[indices] = whitened[measured, k]
         lags = np.arange(min(MAX_MEMORY_LAG, len(t) // 4) + 1)
@@ -246,7 +246,7 @@ def _correlations(
         rho = memory[1]
         prewhitened = residuals[1:] - rho * residuals[:-1]
         memory, _ = _correlated(prewhitened, prewhitened, lags)
-        significant = np.where(np.abs(memory) > 2.0 * sds, memory, 0.0)  # else by chance
+        significant = np.where(np.abs(memory) > 2.0 * sds, memory, 0.0)  # not by chance
         for name, series in inputs.items():
             values = np.full(len(residuals), np.nan)
             values[indices] = series[measured] - series[measured].mean()

@@ -1,4 +1,4 @@
-"""Estimate the errors of time steps of a rig with friction, and choose steps that keep them small."""
+"""Estimate errors by finite time steps of rigs with friction, and choose sufficient steps."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS, Simulator
 
 StepSizes = tuple[int, int]  # steps per sample, and substeps of a step with a reversal
 
-TRUTH_REFINEMENT = 16  # ratio of the reference solution's steps to the present ones
+TRUTH_REFINEMENT = 16  # number of steps: reference solution / present solution
 MAX_ERROR_OVER_NOISE = 0.1  # largest accepted error of a sample, in sds of its noise
-# The error of chosen steps stays below this share, as other points may have larger errors.
+# Errors of chosen steps are below this fraction of the limit, as other points may exceed them.
 CHOICE_MARGIN = 0.5
-N_POINTS = 8  # number of points at which steps are tried; one point would take as long
+N_POINTS = 8  # number of points at which steps are tried, together as fast as one point
 SCATTER = 0.1  # largest relative distance of these points in each unknown
-N_OUTLIERS = 1  # number of these points that may exceed the error
+N_OUTLIERS = 1  # number of these points that may have a larger error
 MAX_CHOSEN_PIECES = 64  # largest number of steps per sample that is chosen
 # Candidates are tried in this order, the fastest first.
 PIECES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MAX_CHOSEN_PIECES)
 CANDIDATE_STEPS = ((1, 1), *((pieces, REVERSAL_SUBSTEPS) for pieces in PIECES))
 MAX_TRUTH_STEPS = 4_000_000  # largest number of steps of a reference solution
-# Limits of the number of draws for the evidence, which falls with the cost of a reference.
+# Limits of the number of draws for the evidence; a costly reference solution gets fewer draws.
 MAX_EVIDENCE_DRAWS, MIN_EVIDENCE_DRAWS = 1000, 16
 DRAWS_PER_BATCH = 50  # bounds memory, as some noises need all samples
 MAX_TOTAL_STEPS = 400_000_000  # largest number of steps of all reference solutions together
@@ -36,7 +36,7 @@ COARSER_TRUTH = 2  # step ratio of a coarser reference, which shows the referenc
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepError:
-    """Time steps of an experiment cause at most `errors (K,)`, in sds of each channel's noise."""
+    """Time steps of an experiment cause errors of at most `errors (K,)`, in sds of the noise."""
 
     label: str
     channels: tuple[str, ...]
@@ -57,8 +57,8 @@ class StepError:
 def evidence_shift(posterior: Posterior, draws: Array) -> tuple[float, float] | None:
     """Return how much finer steps change a log evidence, and the standard error of this change.
 
-    The ratio of evidences is the posterior mean of the ratio of likelihoods with finer and present
-    steps, over physical `draws (N, D)`.  The result is None without steps or a finite response.
+    The ratio of evidences is the mean, over physical `draws (N, D)` of the posterior, of the ratio
+    L(finer steps) / L(present steps).  The result is None without steps or a finite response.
     """
     references = [_truth(each.response) for each in posterior.likelihood.observations]
     steps = sum(
@@ -106,7 +106,7 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
 
 
 def choose_steps(posterior: Posterior, theta: Array, most: int = MAX_CHOSEN_PIECES) -> Posterior:
-    """Return the posterior with the fastest steps, up to `most`, that suffice near `theta (D,)`."""
+    """Return the posterior with the fastest sufficient steps, up to `most`, near `theta (D,)`."""
     # At one point alone, errors may be small by coincidence.
     relative = np.random.default_rng(0).uniform(-SCATTER, SCATTER, (N_POINTS, len(theta)))
     relative[0] = 0.0
@@ -126,7 +126,7 @@ def chosen_steps(posterior: Posterior) -> dict[str, StepSizes]:
 
 
 def with_steps(posterior: Posterior, steps: Mapping[str, StepSizes]) -> Posterior:
-    """Return the posterior with `steps` by label; the same one if it has these already."""
+    """Return the posterior with `steps` by label, or itself if it has these steps already."""
     if steps.items() <= chosen_steps(posterior).items():
         return posterior
 

@@ -84,7 +84,7 @@ class Coordinates:
         return slope, curvature
 
     def natural(self, theta: Array) -> Array:
-        """Return d unknown / d natural scale, `(W, D)`: the log, or the unknown over its step."""
+        """Return d unknown / d natural scale (the log, or unknown / step), `(W, D)`."""
         out = theta.copy()
         for column, step in self.signed:
             out[:, column] = step
@@ -129,7 +129,7 @@ def directional_curvature(directions: Array, curvature: Array) -> Array:
 
 # An offset is a parameter of the rig that may be negative, such as the tilt of an arm.
 Role = Literal["rig", "quantity", "offset", "sensor", "start", "noise"]
-RIG_ROLES: tuple[Role, ...] = ("rig", "quantity")  # these are positive, and come first
+RIG_ROLES: tuple[Role, ...] = ("rig", "quantity")  # such unknowns are positive, and come first
 # Unknowns with these roles are parameters of a simulator.
 SIMULATOR_ROLES: tuple[Role, ...] = ("rig", "quantity", "offset", "sensor", "start")
 Transform = Literal["log", "plain"] | tuple[float, float]
@@ -202,8 +202,8 @@ def labelled_symbol(symbol: Symbol, label: str) -> Symbol:
 class ParameterSpace:
     """A parameter space has D `unknowns`, and P parameters of the `model` that follow from them.
 
-    Unknowns of the noise come last.  `model` names the parameters of rig, sensors and starts.  They
-    are unknown, `fixed`, or follow from others by `relations`; only `signed` ones may be negative.
+    Unknowns of the noise come last.  `model` names the parameters of rig, sensors and starts.  Each
+    is unknown, `fixed`, or follows from others by `relations`; only `signed` ones may be negative.
     `theta (W, D)` is always physical, SI.
     """
 
@@ -256,9 +256,9 @@ class ParameterSpace:
         return named | {name: r.value(named) for name, r in self.relations.items()}
 
     def slopes(self, theta: Array) -> Array:
-        """Return d parameter of the model / d log unknown at `theta (W, D)`: `(W, m, P)`.
+        """Return d model parameter / d natural scale of unknowns at `theta (W, D)`: `(W, m, P)`.
 
-        The m unknowns are those of the simulator, on their natural scales.
+        The m unknowns are those of the simulator.
         """
         duals = self.named_slopes(theta)
         out = np.zeros((len(theta), len(self.columns(*SIMULATOR_ROLES)), len(self.model)))
@@ -280,7 +280,7 @@ class ParameterSpace:
         return np.array([values[name] for name in self.free])
 
     def log_prior(self, theta: Array) -> Array:
-        """Return the log prior `(W,)`; -inf outside the support, NaN included."""
+        """Return the log prior `(W,)`, -inf outside the support and at NaN."""
         columns, low, high, log_density = self.box
         boxed = theta[:, columns]
         with np.errstate(all="ignore"):

@@ -1,8 +1,8 @@
 """Judge whether ensembles have converged, and find troubles that R-hat does not show.
 
 R-hat does not show a trouble that all ensembles share, and a few bad walkers hardly change an
-average.  So each walker is checked on its own: does it move, is its log density like that of the
-others, does it cross between two groups, and do the walkers' means spread as much as tau predicts?
+average.  So walkers are checked one by one: does a walker move, is its log density as high as
+those of others, does it cross between groups?  And do walkers' means spread as tau predicts?
 
 Walkers of one ensemble are not independent chains: R-hat compares ensembles, and the effective
 sample size comes from the autocorrelation time of an ensemble, averaged over its walkers.
@@ -22,15 +22,15 @@ import scipy
 from bayesdrill.basics.arrays import Array, Flags, Indices, StoredArray
 from bayesdrill.basics.findings import Finding
 
-# The longest stay of a stuck walker is at least this share of the kept steps, and this many times
-# the longest stay of the median walker.
+# A walker is stuck if its longest stay is at least `STUCK_SHARE` times the number of kept steps
+# and, unless most walkers stay as long, `STUCK_RATIO` times the median of the longest stays.
 STUCK_SHARE, STUCK_RATIO = 0.5, 5.0
-LOW_DENSITY_QUANTILE = 0.001  # a healthy walker's median is above this quantile of the better half
-MIN_GROUP_DISTANCE = 1.0  # least distance between two groups of walkers, in standard deviations
-MAX_VALLEY_RATIO = 0.5  # least density between two groups over that of the smaller group
+LOW_DENSITY_QUANTILE = 0.001  # a median log_p below this quantile of the better half is low
+MIN_GROUP_DISTANCE = 1.0  # smallest distance between two groups of walkers, in sds
+MAX_VALLEY_RATIO = 0.5  # limit of (density between distinct groups) / (density of the lower peak)
 GROUP_BINS = 12  # bins of the histogram between the centres of two groups
-MIN_STAY_SHARE = 0.5  # least mean time that walkers stay in a group, as a share of the kept steps
-FALSE_ALARM_PROBABILITY = 1e-6  # probability, for each unknown, that tau of a healthy chain grows
+MIN_STAY_SHARE = 0.5  # shortest mean stay of walkers in a group, as a fraction of the kept steps
+FALSE_ALARM_PROBABILITY = 1e-6  # probability, per unknown, of finding a growing tau by chance
 MIN_STEPS_FOR_WALKERS = 50  # with fewer kept steps single walkers are not judged
 
 
@@ -46,9 +46,9 @@ class PostBurnInChain:
 
 
 def walker_troubles(chain: PostBurnInChain) -> tuple[Finding, ...]:
-    """Return the troubles of single walkers, each with its place.
+    """Return findings on single walkers, each with the worst walker or unknown.
 
-    A walker that one check names is left out of the next, so that each trouble is named once.
+    Walkers that one check finds are excluded from the next, so that each is reported once.
     """
     stay, medians = longest_stay(chain.theta), np.median(chain.log_p, axis=1)
     median_stay, limit = float(np.median(stay)), STUCK_SHARE * chain.theta.shape[1]
@@ -73,9 +73,9 @@ def longest_stay(theta: Array) -> Indices:
 
 
 def find_two_groups(x: Array) -> tuple[float, float, float, int] | None:
-    """Find two groups of walkers in one unknown `(S, N)` that hardly cross; None if there are none.
+    """Find two groups between which walkers hardly cross in one unknown `x (S, N)`, or None.
 
-    Returns both centres, the share of steps in the upper group, and the number of crossings.
+    Returns both centres, the fraction of steps in the upper group, and the number of crossings.
     """
     low, high = group_centres(x.mean(axis=0))
     counts, _ = np.histogram(x, bins=GROUP_BINS, range=(low, high))
@@ -103,10 +103,10 @@ def group_centres(means: Array) -> tuple[float, float]:
 
 
 def long_run_tau(theta: Array, selected: Flags, sd: Array, parts: int = 1) -> Array:
-    """Estimate tau `(D,)` in steps from the spread of the walkers' means over parts of the chain.
+    """Estimate tau `(D,)` in steps from the scatter of the walkers' means over parts of a chain.
 
-    `sd (D,)` is the standard deviation of all steps.  No window is used, so motion as slow as the
-    length of a part is also seen.  Means are compared within ensembles; R-hat compares ensembles.
+    `sd (D,)` is the standard deviation of all steps.  Without a window of lags, motion as slow as
+    the length of a part is seen.  Means are compared within ensembles; R-hat compares ensembles.
     """
     length = theta.shape[1] // parts
     total, freedom = np.zeros(theta.shape[-1]), 0  # sum of squares, and degrees of freedom
@@ -182,7 +182,7 @@ def _at_walker(
 ) -> Finding:
     """Return a finding on doubtful walkers, of which the k-th is the worst.
 
-    The finding names the unknown in which this walker is most sds away from the sound ones.
+    It names the unknown in which this walker is farthest, in sds, from the mean of sound walkers.
     """
     ensemble, walker = np.unravel_index(k, sound.shape)
     others = _pooled_steps(chain.theta, sound)
@@ -200,13 +200,13 @@ BURN_IN_TAUS = 5  # length of the burn-in, in autocorrelation times
 STEPS_MARGIN = 1.2  # factor on the estimated number of steps, since tau is uncertain
 MIN_CHECK_GROWTH, MAX_CHECK_GROWTH = 1.25, 1.5  # ratio of the lengths at two successive checks
 MIN_STEPS_TO_STOP = 1000  # a shorter run is never stopped as futile
-MIN_N_TAU_GROWTH = 1.3  # least growth of N/tau while steps double; a sound chain has 2
+MIN_N_TAU_GROWTH = 1.3  # least growth factor of N/tau while steps double; it is 2 for a sound chain
 SOKAL_WINDOW = 5.0  # Sokal's window is the first lag above this many autocorrelation times
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Targets:
-    """Sampling stops at these targets: highest R-hat, least N/tau and least bulk ESS of any unknown."""
+    """Every unknown must have at most this R-hat, and at least this N/tau and this bulk ESS."""
 
     r_hat: float
     n_tau: float
@@ -215,10 +215,10 @@ class Targets:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainLength:
-    """A chain is `n_tau` times as long as the longest of `tau (D,)`, after `burn_in` steps.
+    """After `burn_in` steps, a chain is `n_tau` times as long as the longest of `tau (D,)`.
 
-    `late_tau` is the longest tau of the second half in steps.  It determines `burn_in`, which is at
-    most half of the chain.
+    `late_tau` is the longest tau, in steps, of the second half of the chain.  It determines
+    `burn_in`, which is at most half of the chain.
     """
 
     burn_in: int
@@ -232,7 +232,7 @@ class ChainLength:
         return burn_in_wanted(self.late_tau) > self.burn_in
 
     def next_check(self, steps: int, n_tau: float) -> int:
-        """Return the number of steps at which `n_tau` is likely to be reached, for the next check."""
+        """Return the number of steps at the next check, when N/tau probably reaches `n_tau`."""
         foreseen = STEPS_MARGIN * (BURN_IN_TAUS + n_tau) * float(self.tau.max())
         return math.ceil(min(max(foreseen, MIN_CHECK_GROWTH * steps), MAX_CHECK_GROWTH * steps))
 
@@ -243,8 +243,8 @@ class Convergence(ChainLength):
 
     Of the `steps` per ensemble, `burn_in` are dropped and every `thin`-th is kept.  `r_hat`,
     `ess_bulk` and `ess_tail` have the shape `(D,)`.  `reasons` say why the result must not be
-    believed.  `slowest` is the unknown with the longest `tau`.  If only length is missing, `enough`
-    estimates the necessary steps.
+    believed.  `slowest` is the unknown with the longest `tau`.  If only length is missing,
+    `enough` estimates the necessary number of steps.
     """
 
     steps: int
@@ -346,7 +346,7 @@ def futility(
     """Return why more steps would not help, or None.
 
     `trail` has the steps and N/tau at each check, and `wanted` is the target of N/tau.  `allowed`
-    is `sampler.max_steps`, and `most` is the smaller of that and the length that fits in memory.
+    is `sampler.max_steps`; `most` is the smaller of `allowed` and the length that fits in memory.
     """
     steps, n_tau = trail[-1]
     if steps < MIN_STEPS_TO_STOP or n_tau >= wanted:

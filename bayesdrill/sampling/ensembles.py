@@ -1,4 +1,4 @@
-"""Run independent ensembles in parallel until the targets are met, and keep them in a backend."""
+"""Run independent ensembles in parallel until the targets are met, and store the chains."""
 
 from __future__ import annotations
 
@@ -69,16 +69,16 @@ class MemoryBackend:
         self.saved.setdefault(ensemble, []).append(segment)
 
 
-CLIMB_STEPS = 25  # Gauss-Newton steps from the MAP of the unknowns to that of the coordinates
-MAX_SLOPES = 20_000  # number of slopes at a point above which the check of mass is too slow
+CLIMB_STEPS = 25  # limit of steps from the MAP of the unknowns to the MAP of the coordinates
+MAX_SLOPES = 20_000  # with more slopes at a point, the check for missed mass is too slow
 POINTS_PER_TASK = 64  # points of a quadratic model that one process computes at a time
-START_SPREAD = 1.5  # widths of the proposal; a start this wide lets R-hat see slow ensembles
-MAX_START_TRIES = 20  # tries of each way to place walkers: wide, from the proposal, mirrored
+START_SPREAD = 1.5  # width relative to the proposal's; so wide that R-hat shows slow ensembles
+MAX_START_TRIES = 20  # tries with each of the three distributions of `begin_walkers`
 MAX_START_DEPTH = 50.0  # in log density below the highest walker; a lower walker is placed again
 FIRST_CHECK = 200  # steps before convergence is first assessed
 MAX_SEGMENT_STEPS = 250  # largest number of steps of a segment
-SEGMENT_SECONDS = 2.0  # approximate time of a segment, for which Ctrl-C has to wait
-MOST_MISSED = 0.05  # posterior mass out of the proposal's reach above which no result is believed
+SEGMENT_SECONDS = 2.0  # approximate computing time of a segment, which Ctrl-C has to wait for
+MOST_MISSED = 0.05  # posterior mass; if the proposal misses more, the result is not believed
 MAX_STEPS_OF_A_MISFIT = 800  # a model that does not fit is not worth a longer chain
 
 
@@ -106,7 +106,7 @@ def _quadratic_model(posterior: Posterior, u: Array, directions: Array) -> Quadr
 def prepare(
     pool: WorkerPool, maxima: Array, seed: int, report: Reporter = SILENT
 ) -> LearnedProposal:
-    """Learn the proposal from physical `maxima (M, D)`, the same with any number of processes."""
+    """Learn the proposal from physical `maxima (M, D)`; the number of processes has no effect."""
     posterior = pool.posterior
     report.update(0.0, "learning the proposal")
     random = np.random.RandomState(seeds.bits(seed, "learn", 0))
@@ -114,10 +114,10 @@ def prepare(
     max_added_ridges, modes = (MAX_ADDED_RIDGES, z) if fits(posterior, maxima) else (0, z[:1])
     surface = _PooledLogDensity(pool)
     rng = seeds.stream(seed, "learn", 1)
-    # Ridges begin at the maxima over the coordinates, since most of the posterior mass is there.
+    # Ridges begin at maxima of the density over the coordinates, where most of the mass is.
     central = gauss_newton(surface, modes, CLIMB_STEPS).u
     check = not slopes_are_expensive(posterior)
-    for k in range(1, len(modes)):  # equal ends would give one ridge twice
+    for k in range(1, len(modes)):  # equal maxima would give one ridge twice
         same = np.abs(central[:k] - central[k]) < SAME_MODE * surface.spread
         if same.all(axis=1).any():
             central[k] = modes[k]
@@ -149,9 +149,9 @@ def begin_walkers(
 ) -> State:
     """Place `n` walkers around all maxima, equally many at each, more widely than the proposal.
 
-    No walker starts where p/q is so large that the independence move would hardly ever move it.
-    Draws come from a wider proposal, then from the proposal itself.  At last, draws are mirrored at
-    the ends of the priors and moved towards the first maximum.  Raises `NoSupportError`.
+    No walker starts where p/q (posterior divided by proposal) is so large that it would be trapped.
+    Such walkers are drawn again: from a wider proposal, then from the proposal itself, and at last
+    mirrored at the priors' ends and moved towards the first maximum.  Raises `NoSupportError`.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
     mixture = proposal.mixture
@@ -190,19 +190,19 @@ class Plan:
     seed: int
 
     def most_steps(self, unknowns: int) -> int:
-        """Return the most steps: `max_steps`, or fewer if the chain would be too large for memory."""
+        """Return the limit of steps: `max_steps`, or fewer if the chain would not fit in memory."""
         return min(self.max_steps, steps_of_chain(self.ensembles, self.walkers, unknowns))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SamplingResult:
-    """The result of a run has its chains, their convergence, and what was estimated from them.
+    """A sampling result has the chains of a run, their convergence, and estimates from them.
 
     `theta (E, S, W, D)` is physical, and `segments` are the saved segments of each ensemble.
-    `learnt`, and the share `mode_shares (M,)` of the draws at each maximum, are None for a chain
-    that was only read. `evidence` is computed by `with_evidence`.  `compression` compares
-    compressed likelihoods with exact ones.  `missed` estimates the posterior mass that the proposal
-    hardly reaches.
+    `mode_shares (M,)` are the fractions of the draws at each maximum; they and the proposal
+    `learnt` are None for a chain read from files.  `with_evidence` computes `evidence`.
+    `compression` compares compressed likelihoods with exact ones.  `missed` estimates the posterior
+    mass that the proposal hardly reaches.
     """
 
     segments: list[list[ChainSegment]]
@@ -215,7 +215,7 @@ class SamplingResult:
     missed: float = 0.0
 
     def with_missed(self, missed: float) -> SamplingResult:
-        """Return a copy with the `missed` mass, and a reason not to believe it if that is too much."""
+        """Return a copy with the `missed` mass and, above `MOST_MISSED`, a reason for disbelief."""
         much = missed > MOST_MISSED
         sampled, percent = dataclasses.replace(self, missed=missed), {"percent": 100 * missed}
         return sampled.with_reasons((Finding("much missed", {}, percent),) if much else ())
@@ -239,7 +239,7 @@ class SamplingResult:
 
     @property
     def acceptance(self) -> Array:
-        """Return the share of accepted proposals in each ensemble, `(E,)`."""
+        """Return the fraction of accepted proposals in each ensemble, `(E,)`."""
         return np.array([sum(p.accepted.mean() for p in ps) / _steps(ps) for ps in self.segments])
 
     @property
@@ -276,7 +276,7 @@ class _Walk:
     def advance_to(self, goal: int, tell: Callable[[int], None]) -> None:
         """Advance all ensembles to `goal` steps, each without waiting for the others.
 
-        After each segment `tell` is called with the steps of the slowest ensemble.
+        After each segment, `tell` is called with the number of steps of the slowest ensemble.
         """
         running: dict[Future[ChainSegment], int] = {}
         length = MAX_SEGMENT_STEPS
@@ -299,7 +299,7 @@ class _Walk:
                 first = self.steps[ensemble]
                 self.segments[ensemble].append(segment)
                 if not self.pool.in_process:
-                    submit(ensemble)  # before saving, so that workers walk on while this one writes
+                    submit(ensemble)  # before saving, so that workers go on during the writing
                 self.backend.save(ensemble, first, segment)
                 tell(min(self.steps))
                 if self.pool.in_process:
@@ -315,7 +315,7 @@ class _Walk:
 def sample(
     pool: WorkerPool, maxima: Array, plan: Plan, backend: Backend, report: Reporter
 ) -> SamplingResult:
-    """Continue the chains of `backend` until converged or `max_steps`, and save every segment.
+    """Continue the chains of `backend` to convergence or `max_steps` steps; save every segment.
 
     `maxima (M, D)` are the physical maxima about which the posterior may have mass, highest first.
     """
@@ -352,7 +352,7 @@ def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> S
 def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> SamplingResult:
     """Advance until the targets are met, more steps would not help, or there are `most` steps.
 
-    The steps of the checks depend only on the chain, so that a resumed run repeats them.
+    Only the chain determines the steps of the checks, so a resumed run checks at the same steps.
     """
     posterior, plan, have = under_way.pool.posterior, under_way.plan, max(under_way.steps)
     last = max(most, have)
@@ -361,9 +361,9 @@ def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> Sampl
     share = 0.01
 
     def tell(steps: int) -> None:
-        report.update(share, f"{steps} of {goal} steps to the next look")
+        report.update(share, f"{steps} of {goal} steps to the next check")
 
-    report.update(0.0, "the ensembles go on" if have else "starting the walkers")
+    report.update(0.0, "continuing the ensembles" if have else "starting the walkers")
     while True:
         under_way.advance_to(goal, tell)
         theta = _physical(posterior, _stack(under_way.segments, "z", goal))
@@ -372,11 +372,11 @@ def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> Sampl
         hopeless = futility(trail, plan.targets.n_tau, plan.max_steps, most)
         ending = hopeless is not None or goal == last
         following = min(measured.next_check(goal, plan.targets.n_tau), last)
-        # Before its interruption, a resumed run has assessed and rejected shorter lengths.
+        # Before a run was interrupted, it already found that its shorter chains had not converged.
         if goal >= have and (ending or measured.n_tau >= plan.targets.n_tau):
             sampled = _assess(posterior, plan, under_way.segments, theta, measured)
             convergence = sampled.convergence
-            # The progress bar shows the share of the targets of length that is reached.
+            # The progress bar shows N/tau or ESS divided by its target, whichever ratio is smaller.
             n_tau_share = convergence.n_tau / plan.targets.n_tau
             ess_share = float(np.min(convergence.ess_bulk)) / plan.targets.ess
             share = min(float(np.clip(min(n_tau_share, ess_share), 0.0, 0.99)), goal / following)
@@ -399,7 +399,7 @@ def _assess(
     theta: Array,
     measured: ChainLength | None = None,
 ) -> SamplingResult:
-    """Return the result of `segments` with physical `theta (E, S, W, D)`, of `measured` length."""
+    """Return the result of `segments`, which have physical `theta (E, S, W, D)`."""
     log_p = _stack(segments, "log_p")
     convergence = assess(theta, posterior.space.free, plan.targets, log_p, measured)
     return SamplingResult(segments=segments, theta=theta, convergence=convergence)
@@ -416,7 +416,7 @@ def _physical(posterior: Posterior, z: Array) -> Array:
 def _stack(
     chains: list[list[ChainSegment]], name: Literal["z", "log_p"], n: int | None = None
 ) -> Array:
-    """Return the first `n` steps of each chain, or all, as one array `(E, S, W, ...)`."""
+    """Return the first `n` steps (default: all) of each chain as one array `(E, S, W, ...)`."""
     return np.array([np.concatenate([getattr(p, name) for p in ps])[:n] for ps in chains])
 
 

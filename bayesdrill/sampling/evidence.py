@@ -1,7 +1,7 @@
 """Estimate the evidence Z, the integral of likelihood times prior, by bridge sampling.
 
-The proposal of the ensembles is a normalised density q near the posterior p.  Draws of both, each
-weighted with both densities, give Z with few further evaluations of the model (Meng and Wong 1996).
+The proposal of the ensembles is a normalised density q near the posterior p.  Z follows from p/q at
+draws of p and at draws of q, with few further evaluations of the model (Meng and Wong 1996).
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal, Random
 
-MAX_DRAWS = 40_000  # largest number of draws of the chain, and of the proposal inside the prior
-MAX_TRIES_PER_DRAW = 50  # draws of the proposal for each draw inside the prior
+MAX_DRAWS = 40_000  # largest number of draws from the chain, and from the proposal inside the prior
+MAX_TRIES_PER_DRAW = 50  # largest number of draws of the proposal for each draw inside the prior
 BATCH_DRAWS = 4000  # draws that are evaluated at a time, which limits the memory
-MAX_DISAGREEMENT = 3.0  # largest distance of two estimates, in standard errors, by chance
+MAX_DISAGREEMENT = 3.0  # in standard errors: two estimates that differ by less may do so by chance
 MAX_LOG_RATIO = 500.0  # log (p/q) is clipped at its median +- this; the effect is negligible
 MAX_ITERATIONS, RELATIVE_TOLERANCE = 1000, 1e-10  # limits of the fixed-point iteration
 
@@ -28,9 +28,9 @@ MAX_ITERATIONS, RELATIVE_TOLERANCE = 1000, 1e-10  # limits of the fixed-point it
 class Evidence:
     """The log evidence of a posterior is estimated with a standard error.
 
-    `log_z` is the natural log of the density of the record in SI.  `overlap` tells how much posterior
-    and proposal have in common, from 0 to 1.  For a rig simulated in steps, `log_z` includes the
-    correction `steps` for their length, with the standard error `steps_error`.
+    `log_z` is the natural log of the marginal density of the record in SI.  `overlap` is 0 if
+    posterior and proposal are disjoint, and 1 if they are equal.  `log_z` includes `steps`, a
+    correction for finite time steps if there are any, with the standard error `steps_error`.
     """
 
     log_z: float
@@ -40,7 +40,7 @@ class Evidence:
     steps_error: float = 0.0
 
     def in_finer_steps(self, added: float, error: float) -> Evidence:
-        """Return a copy with `added`, the correction for the length of steps, and its `error`."""
+        """Return a copy corrected by `added` for finite time steps, with its standard `error`."""
         log_z, total_error = self.log_z + added, math.hypot(self.error, error)
         return replace(self, log_z=log_z, error=total_error, steps=added, steps_error=error)
 
@@ -48,10 +48,10 @@ class Evidence:
 def evidence(
     posterior: Posterior, proposal: Proposal, z: Array, log_p: Array, seed: int
 ) -> Evidence | None:
-    """Estimate the evidence from steps `z (E, S, W, D)` with `log_p (E, S, W)`, and fresh draws.
+    """Estimate the evidence from chains `z (E, S, W, D)`, `log_p (E, S, W)` and new proposal draws.
 
-    Draws of the proposal have their own random stream.  Returns None if all have zero posterior
-    density.
+    The new draws have their own random stream.  Returns None if the posterior density is zero at
+    all new draws.
     """
     random = Random(seeds.bits(seed, "evidence"))
     mixture = proposal.mixture
@@ -84,9 +84,9 @@ def _draw(posterior: Posterior, mixture: Mixture, n: int, random: Random) -> Arr
 def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     """Solve the bridge equation for the evidence (Meng and Wong 1996).
 
-    `on_chain (E, S, W)` and `drawn (n,)` are log (p/q) at the walkers' steps and at draws of q; the
-    other `tried` draws have p = 0.  Let s and t be the shares of chain and draws, and w = p/q.
-    Then `Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]`.  The terms of both means are bounded.
+    `on_chain (E, S, W)` and `drawn (n,)` are log (p/q) at the walkers' steps and at n of
+    `tried` draws of q; p = 0 at the rest.  With N steps, let s = N / (N + tried) and t = 1 - s.
+    For w = p/q, `Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]`.  Terms of the means are bounded.
     """
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) == 0:
@@ -105,7 +105,7 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     walkers = of_p.mean(axis=1).ravel()
     mean_q = float(of_q.sum() / tried)
     spread_q = float((of_q**2).sum() / tried) / mean_q**2 - 1.0
-    spread_p = float((walkers / walkers.mean()).var(ddof=1))  # no squares of very small numbers
+    spread_p = float((walkers / walkers.mean()).var(ddof=1))  # scaled, to square no tiny numbers
     chance = math.sqrt(spread_q / tried + spread_p / len(walkers))
     error = math.hypot(chance, _disagreement(q, tried, z))
     return Evidence(log_z=median + math.log(z), error=error, overlap=min(mean_q, 1.0))
@@ -114,8 +114,8 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
 def _disagreement(w: Array, tried: int, z: float) -> float:
     """Return the distance of log `z` from the importance sampling estimate, 0 if it may be chance.
 
-    `w (n,)` are the weights p/q of draws of q.  Both differ if walkers do not cross between maxima,
-    so that the shares of walkers and of posterior mass differ.
+    `w (n,)` are the weights p/q of draws of q.  The estimates differ if walkers do not cross
+    between maxima, because the fraction of walkers at a maximum is then not its mass.
     """
     largest = float(w.max())  # the squares of very small weights would underflow
     scaled = w / largest

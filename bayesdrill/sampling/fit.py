@@ -35,8 +35,8 @@ from bayesdrill.sampling.workers import WorkerPool
 
 SEARCHING = "searching the MAP"
 CHECKED_DRAWS = 500  # draws at which a compressed likelihood is compared with the exact one
-TASKS_PER_SEARCH = 2  # number of tasks; each has several starts, which are cheap in one batch
-BATCHES_PER_START = 2000  # batches of random points that take as long as a search
+TASKS_PER_SEARCH = 2  # number of tasks that share the starts, as a batch costs hardly more than one
+BATCHES_PER_START = 2000  # number of batches of random points that take as long as one search
 WORKERS_START = 1.5  # seconds until workers begin to compute
 
 
@@ -45,8 +45,8 @@ class FitPlan:
     """A plan says how a posterior is fitted.
 
     The `optimiser` searches for the MAP from `starts`, with at most `evaluations` each.  `chains` are
-    the settings of the ensembles.  Records with more than `shortest` samples are compressed; None:
-    no record.  A `brief` fit searches only until one search has converged, and has no evidence.
+    the settings of the ensembles.  Records with more than `shortest` samples are compressed, or
+    none if `shortest` is None.  A `brief` fit stops after one converged search, without evidence.
     """
 
     optimiser: Optimiser
@@ -61,7 +61,7 @@ class FitPlan:
 class PendingSearches:
     """Searches for the MAP and for other maxima are running.
 
-    `excerpt` is the posterior of the first samples of long records, if it is searched.
+    `excerpt` is the posterior of the first samples of long records, if the searches use it.
     """
 
     searches: list[Future[list[Search]]]
@@ -81,7 +81,7 @@ def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult]:
 def searching_processes(posterior: Posterior, plan: FitPlan, processes: int) -> int:
     """Return 1 if searches end before workers could help, otherwise `processes`.
 
-    The time of the density at a batch of random points gives an estimate of their duration.
+    The duration of the searches is estimated from the density's time for a batch of points.
     """
     if processes == 1:
         return 1
@@ -95,12 +95,12 @@ def searching_processes(posterior: Posterior, plan: FitPlan, processes: int) -> 
 
 
 def _excerpt(posterior: Posterior, plan: FitPlan) -> Posterior | None:
-    """Return the posterior of the first samples of long records, if that is searched."""
+    """Return the posterior of the first samples of long records, or None to search all samples."""
     return None if plan.shortest is None else compression.excerpt(posterior)
 
 
 def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> PendingSearches:
-    """Submit all searches; a pool without workers does them at once."""
+    """Submit all searches; a pool without workers runs them immediately."""
     seed = plan.chains.seed
     excerpt = _excerpt(pool.posterior, plan)
     posterior = pool.posterior if excerpt is None else excerpt
@@ -146,7 +146,7 @@ def end_searches(pool: WorkerPool, under_way: PendingSearches, report: Reporter)
 def _searched_on(
     pool: WorkerPool, excerpt: Posterior, searches: list[Search], scouted: list[tuple[Array, Array]]
 ) -> Mode:
-    """Continue from the maxima of an `excerpt` with the whole records; seek no other maxima.
+    """Continue from the maxima of an `excerpt` with whole records, without search for others.
 
     A longer excerpt is searched first if a record cannot be compressed about these maxima.
     """
@@ -168,14 +168,14 @@ def _searched_on(
 
 
 def compress_about(pool: WorkerPool, mode: Mode, shortest: int | None) -> None:
-    """Compress records with more than `shortest` samples, for rigs about the maximum.
+    """Compress records with more than `shortest` samples, for parameters near the maximum.
 
     If `shortest` is zero, a record that cannot be compressed raises `CompressionError`.
     """
     posterior = pool.posterior
     observations = posterior.likelihood.observations
     if shortest is not None and any(compression.is_long(o, shortest) for o in observations):
-        # All samples are used, so that a resumed run has the same basis functions.
+        # Uncompressed records are used, so that a resumed run has the same basis functions.
         exact = compression.uncompressed(posterior)
         points = compression.nearby(exact, posterior.space.vector(mode.values)[None])
         strict = shortest == 0
@@ -187,7 +187,7 @@ def sample_maxima(
 ) -> SamplingResult:
     """Sample ensembles about all maxima of `mode`.
 
-    The pool's posterior has the mode's steps.  Raises `NoSupportError` if nothing can be sampled.
+    The pool already has the steps `mode.pieces`.  Raises `NoSupportError` if no walker can start.
     """
     compress_about(pool, mode, plan.shortest)
     maxima = mode_search.modes(pool.posterior, mode)
@@ -211,13 +211,13 @@ def weigh(
 def _first_converged(posterior: Posterior, plan: FitPlan) -> list[Search]:
     """Search from the most promising starts, until one search has converged.
 
-    A search has converged if another one agrees, or if known noise explains the residuals.
+    It has converged if another search reaches its height, or if known noise explains the residuals.
     """
     points = mode_search.starts(posterior, plan.starts, seeds.stream(plan.chains.seed, "map"))
     points = points[np.argsort(-posterior.density(points), kind="stable")]
     likelihood = posterior.likelihood
     known = not any(observation.unknowns for observation in likelihood.observations)
-    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.n_measured)  # largest mean square over variance
+    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.n_measured)  # limit of mean square / variance
     searches: list[Search] = []
     for point in points:
         settings = plan.optimiser, plan.evaluations

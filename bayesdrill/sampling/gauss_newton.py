@@ -10,25 +10,25 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.laplace import LogDensity, QuadraticModel
 
-MAX_STEP = 3.0  # longest step in priors' spreads, for which the quadratic model holds
-INITIAL_DAMPING = 0.1  # over the priors' precision, so that only loose directions are damped
-DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # factors on the damping, all of which are tried
-CORRECTED_TRIALS = 2  # how many trials, from the first, are corrected back onto a curved ridge
-TIGHT_DAMPING = 100.0  # damping of that correction, over priors' precision: loose directions stay
-MAX_CORRECTIONS = 3  # steps back to a curved ridge, after a step along it
-SETTLED_GAIN = 1e-3  # a lower maximum is known well enough if another step gains less
-MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a point that needs more damping has arrived
-DAMPING_DECREASE = 0.3  # factor on the best damping of a step, for the next one
-PACE_STEPS = 3  # number of steps in the pace, since short steps follow a failed one
-RELEASE_SLOPE = 1e-9  # least scaled slope away from a bound that releases an unknown from it
-DIAGONAL_ROUNDING = 1e-12  # added to the scaled diagonal, so that flat directions stay solvable
-DIFFERENCE_STEP = 1e-4  # in priors' spreads, for differences of slopes
-MIN_GAIN = 1e-9  # a point whose next step would gain less of the log density has arrived
+MAX_STEP = 3.0  # longest step, in priors' spreads, since the quadratic model only holds nearby
+INITIAL_DAMPING = 0.1  # relative to the priors' precision; it hardly damps tight directions
+DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # multiples of the damping that each step tries
+CORRECTED_TRIALS = 2  # number of the least damped trials that are moved back to a curved ridge
+TIGHT_DAMPING = 100.0  # damping of this move, relative to priors' precision; fixes loose directions
+MAX_CORRECTIONS = 3  # largest number of steps back to a curved ridge, after a step along it
+SETTLED_GAIN = 1e-3  # in log density: a climb to a lower maximum stops if the next step gains less
+MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a climb that needs more than the upper limit ends
+DAMPING_DECREASE = 0.3  # damping of the next step, divided by the damping of the best trial
+PACE_STEPS = 3  # number of last steps whose largest gain counts: short steps follow a failed one
+RELEASE_SLOPE = 1e-9  # an unknown at a bound is released if its scaled slope inwards exceeds this
+DIAGONAL_ROUNDING = 1e-12  # added to the scaled diagonal, as flat directions make it singular
+DIFFERENCE_STEP = 1e-4  # in priors' spreads: step of the finite differences of slopes
+MIN_GAIN = 1e-9  # in log density: a climb ends if the next step would gain less
 
 
 @dataclass(frozen=True, slots=True)
 class GaussNewtonResult:
-    """All W searches end at `u (W, D)`, with log density and gain of another Newton step, `(W,)`."""
+    """Climbs end at `u (W, D)` with log density `value (W,)`; another step would add `gain`."""
 
     u: Array
     value: Array
@@ -52,12 +52,11 @@ def gauss_newton(
 ) -> GaussNewtonResult:
     """Climb from each point of `start (W, D)` in at most `steps` steps.
 
-    With `exact`, Newton's method with second derivatives replaces Gauss-Newton, for the last steps.
+    With `exact`, second derivatives are included (Newton's method), which helps in the last steps.
     A point that is closer than `merged` (in the priors' spreads) to a higher point gets the value
     -inf.  The pace of a climb is the smaller of the gain that the model predicts and the largest
-    gain of the last steps.  A climb stops if this pace would end it below `least`, or more than
-    `depth` below the highest point.  With a finite `depth` it also stops near a lower
-    maximum.
+    gain of the last steps.  A climb stops if at this pace it would end below `least`, or more than
+    `depth` below the highest point.  With a finite `depth`, climbs also stop near lower maxima.
     """
     u = np.clip(start, surface.low, surface.high)
     value = surface.value(u)
@@ -96,7 +95,7 @@ def _gauss_newton_model(surface: LogDensity, u: Array) -> QuadraticModel:
 
 
 def _second_order_model(surface: LogDensity, u: Array) -> QuadraticModel:
-    """Return a model with second derivatives by differences; upward curvature changes its sign."""
+    """Return a model with second derivatives by finite differences, and absolute curvatures."""
     n, d = u.shape
     here = _gauss_newton_model(surface, u)
     steps = DIFFERENCE_STEP * np.diag(surface.spread)
@@ -114,7 +113,7 @@ def _second_order_model(surface: LogDensity, u: Array) -> QuadraticModel:
 def _best_step(
     surface: LogDensity, u: Array, value: Array, damping: Array, here: QuadraticModel
 ) -> tuple[Array, Array, Array, Flags]:
-    """Take the best of steps with several dampings; return points, values, dampings and success."""
+    """Try several dampings and take the best step; return points, values, dampings and success."""
     trials = [_damped_step(surface, u, here, damping * factor) for factor in DAMPING_FACTORS]
     values = surface.value(np.concatenate(trials)).reshape(len(trials), -1)
     for k in range(CORRECTED_TRIALS):
@@ -143,7 +142,7 @@ def _damped_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: A
 def _back_to_ridge(
     surface: LogDensity, u: Array, value: Array, wanted: Array
 ) -> tuple[Array, Array]:
-    """Move points whose log density is below `wanted` back to a bent ridge, in tight directions."""
+    """Move points with log density below `wanted` along tight directions, to a curved ridge."""
     u, value = u.copy(), value.copy()
     for _ in range(MAX_CORRECTIONS):
         low = np.flatnonzero((value < wanted) & np.isfinite(value))
@@ -158,12 +157,12 @@ def _back_to_ridge(
 def bounded_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: Array) -> Array:
     """Return the damped Gauss-Newton step from `u (W, D)` within the box of the priors, `(W, D)`.
 
-    This is an active set method: the first unknown that reaches a bound is held there, and the
-    others are solved for again.  A held unknown is released if its slope points back inside.
+    This is an active set method: the first unknown that reaches a bound is held there, and the step
+    of the others is solved again.  A held unknown is released if its slope points into the box.
     """
     d = u.shape[1]
     matrix = here.curvature + (damping[:, None] / surface.spread**2)[:, :, None] * np.eye(d)
-    # Units in which the diagonal is one keep directions of very different stiffness apart.
+    # Scaling the diagonal to one improves its condition number if stiffnesses are very different.
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("wdd->wd", matrix), 1e-300))
     matrix = matrix * scale[:, :, None] * scale[:, None, :] + DIAGONAL_ROUNDING * np.eye(d)
     slope = here.slope * scale
@@ -193,7 +192,7 @@ def bounded_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: A
 
 
 def newton_gain(surface: LogDensity, u: Array, here: QuadraticModel) -> Array:
-    """Return the gain of an undamped step that the quadratic model predicts, `(W,)`."""
+    """Return the gain that the quadratic model predicts for an undamped step: `(W,)`."""
     step = bounded_step(surface, u, here, np.full(len(u), 1e-9))
     return _predicted_gain(here, step)
 

@@ -23,16 +23,16 @@ from bayesdrill.sampling.gauss_newton import GaussNewtonResult, gauss_newton, ne
 from bayesdrill.sampling.optimisers.contract import Optimiser, Optimum, Task
 
 SAME_LOG_DENSITY = 1e-2  # two searches have the same height if they differ by less than this
-SAME_POINT = 0.01  # two searches have the same end if no unknown differs by a larger share
+SAME_POINT = 0.01  # two searches have the same end if no unknown's relative difference is larger
 RELATIVE_ROUNDING = 1e-12  # relative rounding error of a log posterior
-CANDIDATES_PER_START = 4096  # number of prior draws, of which the best starts a search
+CANDIDATES_PER_START = 4096  # number of prior draws; a search starts at the draw of highest density
 LOWEST_LOG_DENSITY = -1e300  # log density of a search that ended outside the support
-MAX_MAXIMA = 64  # number of kept maxima, those with the most posterior mass
+MAX_MAXIMA = 64  # largest number of kept maxima, those with the most posterior mass
 NEGLIGIBLE_MASS = 1e-5  # total posterior mass of the maxima that are dropped
-MAX_MISSED_MASS = 0.02  # a doubt is reported if more mass is in maxima that were not followed
-MAX_STEPPED_STARTS = 32  # starts for a rig simulated in steps, whose climbs take seconds each
+MAX_MISSED_MASS = 0.02  # more posterior mass in maxima that were not followed raises a doubt
+MAX_STEPPED_STARTS = 32  # largest number of starts for a stepped rig, as a climb takes seconds
 MULTI_STARTS = 24  # prior draws from which Gauss-Newton climbs without a simplex
-SEARCH_ROUNDS, MAX_CENTRES = 2, 8  # rounds of searches around maxima, and maxima in a round
+SEARCH_ROUNDS, MAX_CENTRES = 2, 8  # searches around maxima: rounds, and maxima per round
 POLISH_STEPS, NEWTON_STEPS = 40, 8  # steps of Gauss-Newton, then of Newton, that end a search
 
 
@@ -49,7 +49,7 @@ class Search:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalMaximum:
-    """A local maximum has physical values, and no ridge joins it to others."""
+    """A local maximum has physical values, and no ridge joins it to another maximum."""
 
     values: Mapping[str, float]
     log_posterior: float
@@ -59,11 +59,11 @@ class LocalMaximum:
 class Mode:
     """A mode is the highest maximum of the posterior; `others` are lower maxima with some mass.
 
-    `slope` is the change of the log posterior per conditional standard deviation of each unknown, well
-    below 1 at a maximum inside the prior.  `gain` is the gain of another Newton step.  `at_bound`
-    names unknowns within 0.1 % of an end of their prior, or with less than 0.1 % of the prior's
-    mass between them and zero. `steps` has the scale of unknowns that may be negative.  `pieces`
-    are the step sizes of rigs simulated in steps.  `left_out` estimates the mass of other maxima.
+    `slope` is the change of the log posterior per conditional standard deviation of each unknown,
+    which is well below 1 at a maximum inside the prior.  `gain` is that of one more Newton step.
+    `at_bound` names unknowns within 0.1 % of an end of their prior, or with less than 0.1 % of the
+    prior's mass between them and zero.  `steps` are scales of unknowns that may be negative, and
+    `pieces` the step sizes of stepped rigs.  `left_out` estimates the mass of other maxima.
     """
 
     values: Mapping[str, float]
@@ -97,20 +97,20 @@ class Mode:
 
     @property
     def highest(self) -> tuple[Search, ...]:
-        """Return the searches that reached the height of the best one."""
+        """Return the searches that reached the height of the best search."""
         lowest = self.log_posterior - self.tolerance
         return tuple(s for s in self.searches if s.log_posterior > lowest)
 
     @property
     def wandering(self) -> tuple[str, ...]:
-        """Return the unknowns in which searches of the same height ended at different places."""
+        """Return the unknowns in which searches of the same height ended at different points."""
         ends = [s.end for s in self.highest]
         ends = [end for end in ends if all(self._apart(end, other.values) for other in self.others)]
         wandering = {name for end in ends for name in self._apart(end, self.values)}
         return tuple(name for name in self.values if name in wandering)
 
     def _apart(self, end: Mapping[str, float], values: Mapping[str, float]) -> list[str]:
-        """Return the unknowns in which `end` is not at these `values`."""
+        """Return the unknowns in which `end` differs from `values`."""
         scale = {name: self.steps.get(name, abs(x)) for name, x in values.items()}
         return [n for n, x in values.items() if abs(end[n] - x) > SAME_POINT * scale[n]]
 
@@ -118,8 +118,8 @@ class Mode:
 def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
     """Return physical starts of searches, `(n, D)`.
 
-    The first is the start of inverse dynamics if there is one, else the configured start.  Each other
-    is the best of `CANDIDATES_PER_START` prior draws.
+    The first is the start of inverse dynamics if there is one, else the configured start.  Each
+    further start is the best of `CANDIDATES_PER_START` prior draws.
     """
     first = inverse_dynamics.regression_start(posterior)
     if first is None:
@@ -184,7 +184,7 @@ def summarise(
     """Return the highest maximum of all searches, and the others.
 
     `reached` has further ends of climbs, physical `(n, D)`, with their log densities `(n,)`.  With
-    `around`, other maxima are searched for around those that were reached.
+    `around`, the neighbourhood of these maxima is searched for further maxima.
     """
     reached = [ends for ends in reached if len(ends[0])]
     if steps := step_error.chosen_steps(posterior):
@@ -250,9 +250,9 @@ def _distinct_maxima(
 def _search_around(
     surface: LogDensity, ends: Array, heights: Array, rounds: int
 ) -> tuple[Array, Array, float]:
-    """Search around maxima `ends (M, D)`, and in further `rounds` around those reached from them.
+    """Search around maxima `ends (M, D)` and, in further `rounds`, around newly found maxima.
 
-    Returns the maxima with the most mass, their heights, and the posterior mass of the others.
+    Returns the maxima with the most mass, their heights, and the mass of all dropped maxima.
     """
     visited, left_out = np.empty((0, ends.shape[1])), 0.0
     for _ in range(rounds):
@@ -283,7 +283,7 @@ def _polished(surface: LogDensity, u: Array) -> GaussNewtonResult:
 
 
 def polished_again(posterior: Posterior, searches: Sequence[Search]) -> list[Search]:
-    """Continue `searches` on a `posterior` that differs a little from the one they maximised."""
+    """Continue `searches` on a `posterior` that differs a little from the previous posterior."""
     surface, space = LogDensity(posterior, physical=True), posterior.space
     ends = np.array([space.vector(search.end) for search in searches])
     polished = _polished(surface, posterior.coordinates.from_physical(ends))

@@ -1,13 +1,13 @@
-"""Find other maxima of a density (aliases, lags), and tell distinct ones apart.
+"""Find other maxima of a density (aliases, lags), and decide which are distinct.
 
-Two points on one ridge are the same maximum, however far apart they are.  To test this, a path leads
-from one towards the other along the loose (hardly determined) directions of the first.  After each
-step it returns to the ridge in the tight ones, and ends at the other point if the ridge joins them.
+Two points on one ridge are the same maximum, however far apart they are.  To test this, a path is
+followed from the first point in its loose (hardly determined) directions.  After each step, it
+returns to the ridge along the tight directions.  It ends at the second point if a ridge joins both.
 
-Sampled at times t, an oscillation at omega looks like one at |omega +- delta| if delta is a peak of
-the spectral window |sum exp(i delta t)|.  For even samples delta is 2 pi over the step, and for two
-bursts it is 2 pi over the gap (Scargle 1982; VanderPlas 2018).  Other ambiguities are maxima along
-one unknown: a lag under a periodic drive, an angle that differs by a turn, or a sign.
+Sampled at times t, oscillations at omega and |omega +- delta| look alike if delta is a peak of the
+spectral window |sum exp(i delta t)|.  For even samples delta is 2 pi / step, and for two bursts
+2 pi / gap (Scargle 1982; VanderPlas 2018).  Other ambiguities are maxima along one unknown: a lag
+under a periodic drive, an angle that differs by a turn, or a sign.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.sampling.gauss_newton import gauss_newton
 from bayesdrill.sampling.proposal import ridge_tracing
 
-FIRST_STEPS, LAST_STEPS = 8, 25  # steps of every climb, and further steps of the best
-MAX_STARTS = 10  # number of the best climbs from starts all over the prior
-MAX_NEARBY_STARTS = 128  # number of the best climbs from starts near other maxima
+FIRST_STEPS, LAST_STEPS = 8, 25  # steps of every climb, and further steps of the best climbs
+MAX_STARTS = 10  # largest number of climbs that go on after `FIRST_STEPS`, from all over the prior
+MAX_NEARBY_STARTS = 128  # largest number of climbs that go on, from near other maxima
 NEGLIGIBLE_DEPTH = 25.0  # in log density: a maximum this far below the highest has no mass
 PATH_STEPS = 10  # steps of the path along a ridge from one point to another
 SAME_MODE = 1e-3  # in priors' spreads: two points closer than this are the same maximum
-CELL_SIZE = 1e-4  # in priors' spreads: points in one cell are taken to climb to the same maximum
-SAME_RIDGE_SDS = 3.0  # a point nearer to the ridge than this, in standard deviations, is on it
-VALLEY_BETWEEN_MODES = 0.5  # in log density: less deep valleys are ripples of one maximum
+CELL_SIZE = 1e-4  # in priors' spreads: only the highest point in a cell of this size climbs on
+SAME_RIDGE_SDS = 3.0  # in standard deviations: a point this near to a ridge is on the ridge
+VALLEY_BETWEEN_MODES = 0.5  # in log density: shallower valleys are ripples of one maximum
 VALLEY_PROBES = 24  # points between two maxima at which the density is compared
 GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # for uneven spacing of the probes
 KNOWN_BONUS = 1e-6  # in log density: a new point must be higher by this to replace a known maximum
@@ -55,7 +55,7 @@ def best_ends(surface: LogDensity, starts: Array, most: int = MAX_STARTS) -> tup
 def distinct_modes(surface: LogDensity, points: Array, values: Array, known: int = 0) -> list[int]:
     """Return the indices of `points (n, D)` that are distinct maxima, the highest first.
 
-    The first `known` points are distinct maxima, and are preferred to others on their ridges.
+    The first `known` points are distinct maxima, and replace other points on their ridges.
     """
     rank = values + np.where(np.arange(len(values)) < known, KNOWN_BONUS, 0.0)
     order = [int(k) for k in np.argsort(-rank, kind="stable")]
@@ -79,7 +79,7 @@ def distinct_modes(surface: LogDensity, points: Array, values: Array, known: int
 def split_by_valley(surface: LogDensity, start: Array, others: Array) -> Flags:
     """Return whether a valley lies between `start (D,)` and each of `others (n, D)`: `(n,)`.
 
-    Points on the straight line are compared.  A plateau or ripples of one maximum are no valley.
+    Densities on the straight line are compared.  Ripples and plateaus do not count as valleys.
     """
     between = np.sort(np.arange(1, VALLEY_PROBES + 1) * GOLDEN_FRACTION % 1.0)
     fraction = np.concatenate([[0.0], between, [1.0]])[:, None, None]
@@ -128,25 +128,25 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
 
 SAME_HEIGHT = 1e-6  # largest relative difference of equal log densities, by rounding
 POLE_PAIRS = 2  # pairs of poles whose aliases are tried, the fastest first
-MIN_IMAGINARY = 1e-6  # imaginary part over the largest pole, below which it is a rounding error
-SLOPE_STEP = 1e-5  # in priors' spreads, for differences of frequencies
-MAX_ALIASES_TRIED = 384  # aliases of a pair of poles that are tried, the most similar first
+MIN_IMAGINARY = 1e-6  # imaginary part / largest |pole|; a smaller ratio is a rounding error
+SLOPE_STEP = 1e-5  # in priors' spreads: step of the finite differences of frequencies
+MAX_ALIASES_TRIED = 384  # largest number of tried aliases of a pole pair, the most similar first
 ALIAS_STEPS = 8  # Gauss-Newton steps of aliases before their posterior mass is compared
-MAX_ALIASES = 96  # number of starts from aliases, those with the largest mass
+MAX_ALIASES = 96  # largest number of aliases used as starts, those with the largest mass
 MAX_ITERATIONS = 12  # Newton iterations towards the frequency of an alias
-SAME_ALIAS = 0.3  # phase error in radians over the record that a climb corrects
+SAME_ALIAS = 0.3  # phase error over the record, in radians, that a climb can correct
 MIN_ALIAS_HEIGHT = 0.3  # relative height of an alias in the spectral window
 WINDOW_OVERSAMPLING = 4  # points of the spectral window per width of a peak
 CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # time cells per radian, and the largest number of cells
-SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along an unknown; most points along a lag
-SCAN_POINTS_PER_SAMPLE = 2  # points along a lag, whose maxima may be one sample apart
-MAX_STARTS_PER_UNKNOWN = 96  # most starts from maxima along an unknown
-VALLEY_ALONG_LINE = 1.0  # in log density: less deep valleys along a line separate no maxima
+SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along an unknown; largest number along a lag
+SCAN_POINTS_PER_SAMPLE = 2  # points along a lag per sample, as maxima may be one sample apart
+MAX_STARTS_PER_UNKNOWN = 96  # largest number of starts from maxima along an unknown
+VALLEY_ALONG_LINE = 1.0  # in log density: shallower valleys along a line separate no maxima
 
 
 @dataclass(frozen=True, slots=True)
 class NearbyStarts:
-    """Starts `u (n, D)` leave out the share `missed_share` of the aliases inside the priors."""
+    """Nearby starts `u (n, D)` leave out an estimated fraction `missed_share` of all maxima."""
 
     u: Array
     missed_share: float
@@ -160,7 +160,7 @@ def nearby_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
 
 
 def twin_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
-    """Yield points of the same density as `u (D,)`, with two inertias and their shafts exchanged."""
+    """Yield points of the same density as `u (D,)`, with two inertias and two shafts exchanged."""
     posterior = surface.posterior
     observations, free = posterior.likelihood.observations, posterior.space.free
     roles = observations[0].response.model.roles
@@ -196,7 +196,7 @@ def alias_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
 
 
 def _heaviest(surface: LogDensity, points: Array) -> tuple[Array, float]:
-    """Return the `MAX_ALIASES` of `points (n, D)` with the most mass, and their share of mass."""
+    """Return the `MAX_ALIASES` of `points (n, D)` with the most mass, and their fraction of it."""
     if len(points) <= MAX_ALIASES:
         return points, 1.0
     u = gauss_newton(surface, points, ALIAS_STEPS).u
@@ -234,7 +234,7 @@ def scan_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
 
 
 def peaks(value: Array, valley: float) -> list[int]:
-    """Return indices of maxima of `value (N,)` (or -inf), separated by valleys deeper than `valley`."""
+    """Return indices of maxima of `value (N,)`, between which valleys are deeper than `valley`."""
     maxima: list[int] = []
     top, lowest, rising = 0, 0, True
     for k, x in enumerate(value):
@@ -251,7 +251,7 @@ def peaks(value: Array, valley: float) -> list[int]:
 
 
 def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Array:
-    """Return aliases of `omega` from `low` to `high` in rad/s, by the similarity of their samples."""
+    """Return aliases of `omega` from `low` to `high` in rad/s, the most similar samples first."""
     patterns: dict[bytes, Array] = {}
     for observation in posterior.likelihood.observations:
         for sampled in observation.experiment.seen.T:
@@ -270,7 +270,7 @@ def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Arr
 def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
     """Return the peaks of the spectral window of times `t (N,)` in s, up to `highest` in rad/s.
 
-    Returns frequencies in rad/s, and heights over that at zero (Scargle 1982; VanderPlas 2018).
+    Returns frequencies in rad/s, and heights relative to that at zero (Scargle 1982).
     """
     span = float(t[-1] - t[0])
     if len(t) < 2 or not 0 < highest * span < MAX_CELLS / CELLS_PER_RADIAN:
@@ -287,7 +287,7 @@ def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
 
 
 def frequencies(posterior: Posterior, u: Array) -> Array:
-    """Return the fastest pole frequencies at `u (W, D)`: `(W, POLE_PAIRS)` in rad/s, 0 if fewer."""
+    """Return the highest pole frequencies, `(W, POLE_PAIRS)` in rad/s, or 0 for missing pairs."""
     model = posterior.likelihood.observations[0].response.model
     theta = posterior.coordinates.to_physical(u)
     rig = posterior.likelihood.rig_parameters(theta)
@@ -299,7 +299,7 @@ def frequencies(posterior: Posterior, u: Array) -> Array:
 
 
 def _slopes(surface: LogDensity, u: Array, pair: int) -> tuple[Array, Array]:
-    """Return log frequencies of a pole pair at `u (W, D)`, and their slopes per prior's spread."""
+    """Return log frequencies of a pole pair at `u (W, D)`, and their slopes per prior spread."""
     n, d = u.shape
     steps = SLOPE_STEP * np.diag(surface.spread)
     around = [u[:, None] + side * steps for side in (1.0, -1.0)]
@@ -312,7 +312,7 @@ def _slopes(surface: LogDensity, u: Array, pair: int) -> tuple[Array, Array]:
 
 
 def _frequency_range(surface: LogDensity, u: Array) -> tuple[Array, Array]:
-    """Return the range in rad/s of each pole pair, with `u (D,)` moved to the ends of the priors."""
+    """Return the lowest and highest frequency of each pole pair, in rad/s, within the priors."""
     ranges = []
     for pair in range(POLE_PAIRS):
         slope = _slopes(surface, u[None], pair)[1][0]
@@ -326,7 +326,7 @@ def _frequency_range(surface: LogDensity, u: Array) -> tuple[Array, Array]:
 def _at_frequencies(surface: LogDensity, u: Array, pair: int, wanted: Array) -> Array:
     """Return points `(m, D)` at which a pole pair has the `wanted (n,)` frequencies, in rad/s.
 
-    The points are the nearest to `u (D,)` in priors' spreads, without those outside the priors.
+    Points are near `u (D,)` in priors' spreads; a frequency that priors exclude gets no point.
     """
     observations = surface.posterior.likelihood.observations
     span = max(float(np.ptp(observation.experiment.t)) for observation in observations)
@@ -336,7 +336,7 @@ def _at_frequencies(surface: LogDensity, u: Array, pair: int, wanted: Array) -> 
         logs, slope = _slopes(surface, points, pair)
         change = np.log(wanted) - logs
         done = np.abs(change) < tolerance
-        # An unknown at its bound does not move outwards.  A pair that does not oscillate stops.
+        # Unknowns at bounds do not move outwards.  Points whose pair does not oscillate stop.
         towards = slope * np.where(np.isfinite(change), change, 0.0)[:, None]
         stuck = (points <= surface.low) & (towards < 0) | (points >= surface.high) & (towards > 0)
         slope[stuck] = 0.0

@@ -1,4 +1,4 @@
-"""Load the modules of workers; only workers and their server import this module."""
+"""Load the modules that workers need; only workers and their fork server import this module."""
 
 import gc
 import importlib
@@ -6,7 +6,7 @@ import sys
 from contextlib import suppress
 from types import TracebackType
 
-# Workers do not use optional parts of corner and emcee, which load more slowly than all else.
+# Workers do not need these optional dependencies of corner and emcee, which load slowly.
 UNUSED = ("arviz", "scipy.stats")
 NEEDED = (
     "emcee",
@@ -20,19 +20,19 @@ NEEDED = (
 
 
 def _say(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
-    """Print an exception, unless a semaphore is missing because the parent has already ended."""
+    """Print an exception, except if a semaphore is missing because the parent process has ended."""
     if kind is not FileNotFoundError:
         sys.__excepthook__(kind, error, traceback)
 
 
 sys.excepthook = _say
-gc.disable()  # modules are no garbage
+gc.disable()  # loaded modules are kept, so that a collection would only take time
 sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]
 for _name in NEEDED:
     with suppress(Exception):  # a task that needs the module reports the error
         importlib.import_module(_name)
-del sys.modules["scipy.stats"]  # some figures load it
-with suppress(Exception):  # short formulas are parsed twice as fast without remembered results
+del sys.modules["scipy.stats"]  # some figures import it later
+with suppress(Exception):  # without memoization, short formulas are parsed twice as fast
     importlib.import_module("pyparsing").ParserElement.disable_memoization()
-gc.freeze()  # no garbage collection of loaded modules, so that workers share their memory
+gc.freeze()  # later collections skip loaded modules, so that workers share their memory
 gc.enable()

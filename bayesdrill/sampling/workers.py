@@ -2,7 +2,7 @@
 
 Every worker gets the posterior once, computes on one thread, and leaves Ctrl-C to the parent. With
 one process, this process does the work, also on one thread.  Sums by several threads depend on the
-number of threads, so a chain would depend on the machine.
+number of threads, so chains would depend on the machine.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ ONE_THREAD = _OneThread()
 
 @dataclass(frozen=True, slots=True)
 class _Form:
-    """A form has the steps and compressed records that workers apply to their posterior."""
+    """A form has the step sizes and compressed records that workers apply to their posterior."""
 
     steps: Mapping[str, StepSizes] = field(default_factory=dict)
     compressions: Compressions = field(default_factory=dict)
@@ -79,7 +79,7 @@ class _Form:
 
 @dataclass(frozen=True, slots=True)
 class _Copy:
-    """A copy is a posterior in pickled `data`; the arrays may be at `spans` of a file."""
+    """A copy is a posterior pickled as `data`; its arrays may be in bytes `spans` of a file."""
 
     data: bytes
     spans: tuple[tuple[int, int], ...] = ()
@@ -95,11 +95,11 @@ class _Copy:
 
 
 def _copy_posterior(posterior: Posterior) -> tuple[_Copy, IO[bytes] | None]:
-    """Return a copy for workers, and the file with its arrays, which is closed after their work.
+    """Return a copy for workers and, if its arrays are large, the open file that contains them.
 
-    All workers map this file, unless the arrays are small.  A pipe with large arrays would block
-    until a worker has started.  The file has no name, so it never remains on the disk.  If workers
-    cannot open such a file, each has its own copy.
+    All workers map this file, since a pipe with large arrays would block until a worker has
+    started.  The file has no name, so it never remains on the disk.  If workers cannot open such a
+    file, each worker gets its own copy of the arrays.
     """
     buffers: list[pickle.PickleBuffer] = []
     data = pickle.dumps(posterior, protocol=5, buffer_callback=buffers.append)
@@ -152,12 +152,12 @@ class WorkerPool:
         return self.submit(_call, function, *arguments, **named)
 
     def map_each[A, T](self, function: Callable[[A], T], items: Iterable[A]) -> list[T]:
-        """Return `function(item)` of each item; it does not need the posterior of the pool."""
+        """Return `function(item)` for each item; the function gets no posterior."""
         tasks = [self.submit_function(function, item) for item in items]
         return [task.result() for task in tasks]
 
     def set_steps(self, steps: Mapping[str, StepSizes]) -> None:
-        """Use the posterior with these steps from now on (`inference.step_error`)."""
+        """Use the posterior with these step sizes from now on (`inference.step_error`)."""
         self._change(_Form(dict(steps), self._form.compressions, self._form.version + 1))
 
     def compress(self, compressions: Compressions) -> None:
@@ -190,7 +190,7 @@ def start_workers(
 ) -> ProcessPoolExecutor:
     """Start processes that compute on one thread, ignore Ctrl-C, and end with this process.
 
-    Each calls `prepare(*arguments)` before its first task.  Raises `InputError` if none can be started.
+    Each process first calls `prepare(*arguments)`.  Raises `InputError` if no process can start.
     """
     try:
         context = start_server()
@@ -210,11 +210,11 @@ def start_workers(
 def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
     """Shut down a pool, whose workers have `patience` seconds to finish their tasks.
 
-    The pool itself would wait for ever for a suspended worker, or for the rest of a killed worker's
-    result.  The pool's thread is waited for, as it removes semaphores under a lock that forks would
-    inherit.
+    `pool.shutdown` alone would wait for ever for a suspended worker, or for the rest of a killed
+    worker's result.  This function waits for the pool's thread, because the thread holds a lock,
+    which forks would inherit, while it removes semaphores.
     """
-    workers = list((pool._processes or {}).values())  # without other child processes
+    workers = list((pool._processes or {}).values())  # no other child processes
     thread: Any = pool._executor_manager_thread
     with held_signals():
         pool.shutdown(wait=False, cancel_futures=True)
@@ -227,7 +227,7 @@ def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
             thread.join(1.0)
 
 
-# A worker process keeps the one posterior that it serves here.
+# In a worker process, this contains its posterior and the version of its form.
 _WORKER: dict[str, Any] = {}
 
 
@@ -254,7 +254,7 @@ def _set_copied(copied: _Copy) -> None:
 
 
 def _exit_soon(_number: int, _frame: object) -> None:
-    """Exit some time after SIGTERM, which all processes may get; the parent may end it earlier."""
+    """Exit `SIGTERM_SECONDS` after SIGTERM, if the parent does not stop this process before."""
     timer = threading.Timer(SIGTERM_SECONDS, os._exit, (1,))
     timer.daemon = True
     timer.start()

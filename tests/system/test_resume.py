@@ -47,7 +47,7 @@ STOPS = (
     ("searching", "nothing was found yet, and {} only has the config"),
     ("learning", "the maximum is saved in {}, but nothing was sampled yet"),
     ("the walkers", "the maximum is saved in {}, but nothing was sampled yet"),
-    (" steps to the next look", "all samples so far are saved in {}"),
+    (" steps to the next check", "all samples so far are saved in {}"),
     ("the draws", "all samples so far are saved in {}"),
 )
 
@@ -63,7 +63,7 @@ def test_a_run_stopped_in_five_stages_says_what_is_saved_and_goes_on(
             case.run(out, resume=out.exists(), report=reporter)
         message = f"stopped; {words.format(out)}; continue with --resume"
         assert str(stopped.value) == message, stage
-        if stage != " steps to the next look":
+        if stage != " steps to the next check":
             continue
         report = command_line.cli("report", out)
         assert_refused(report, "--resume")

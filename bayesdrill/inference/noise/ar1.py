@@ -1,6 +1,6 @@
 """AR(1) noise is a Gaussian first-order autoregression in each channel.
 
-A sample is `rho` times the one before it plus an innovation, and all samples have the sd sigma.
+A sample is `rho` times the previous sample plus an innovation, and all samples have the sd sigma.
 `rho` is the correlation of samples that are one typical interval of the channel apart.  Over a gap
 of g such intervals the correlation is rho^g, so missing samples and uneven times are exact.
 """
@@ -24,7 +24,7 @@ from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
 
-GAP_TOLERANCE = 1e-3  # a gap this near to a whole number is whole, as times are rounded
+GAP_TOLERANCE = 1e-3  # a gap this near to a whole number is rounded, as times are inexact
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class ChannelSpacing:
     def conditional(self, rho: Any) -> tuple[Any, Any]:
         """Return the weight of the previous sample in the conditional mean, and the conditional sd.
 
-        Both are `(W, n)`, and the sd is over sigma.  The first sample has 0 and 1.
+        Both are `(W, n)`, and the sd is divided by sigma.  For the first sample they are 0 and 1.
         """
 
         def with_first(weights: Array) -> Array:
@@ -65,7 +65,7 @@ class ChannelSpacing:
         return np.asarray(_without_memory(samples, weight) / sd)
 
     def log_density(self, samples: Any, rho: Any) -> Any:
-        """Return the log density of samples over sigma, without the terms of sigma and 2 pi."""
+        """Return the log density of samples / sigma, without the terms of sigma and 2 pi."""
         weight, sd = self.conditional(rho)
         return -0.5 * (_without_memory(samples, weight) / sd) ** 2 - log(sd)
 
@@ -78,7 +78,7 @@ class ChannelSpacing:
         return out
 
     def information(self, rho: Array) -> Array:
-        """Return the expected information `(W, 2, 2)` on the log of sigma and rho."""
+        """Return the expected information `(W, 2, 2)` on the log of sigma, and on rho."""
         out = np.empty((len(rho), 2, 2))
         out[:, 0, 0] = 2.0 * self.count
         if self.gaps is None:
@@ -110,7 +110,7 @@ class ChannelSpacing:
 
 @dataclass(frozen=True, slots=True)
 class Spacing:
-    """All channels have a spacing; `seen (T, K)` says whether a sample was measured."""
+    """A spacing lists those of all channels; `seen (T, K)` says whether a sample was measured."""
 
     channels: tuple[ChannelSpacing, ...]
     seen: Flags
@@ -138,7 +138,7 @@ def _gaps(gaps: Array) -> Array | None:
 
 
 def _without_memory(samples: Any, weight: Any) -> Any:
-    """Return samples minus `weight` times the previous sample, which is zero for the first."""
+    """Return samples minus `weight` times the previous sample; zero precedes the first sample."""
 
     def delayed(x: Array) -> Array:
         return np.concatenate([np.zeros_like(x[:, :1]), x[:, :-1]], axis=1)
@@ -149,8 +149,8 @@ def _without_memory(samples: Any, weight: Any) -> Any:
 def _sum_weights(rho: Any) -> list[Any]:
     """Return the three weights of `Residuals.neighbours` for even samples and sigma 1.
 
-    Let S, D and E be sums of squares of samples, of steps and of both ends.  The squared
-    innovations over their variance sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2).
+    Let S, D and E be sums of squares: of samples, of their differences, of both end samples.
+    The sum of innovation^2 / variance is ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2).
     """
     over = 1.0 / (1.0 + rho)
     return [(1.0 - rho) * over, rho * over / (1.0 - rho), rho * over]
@@ -161,7 +161,7 @@ def _squared_innovations(rho: Any, sums: Array) -> Any:
     return sum(weight * sums[..., n] for n, weight in enumerate(_sum_weights(rho)))
 
 
-START_RHO = 0.3  # a search begins here
+START_RHO = 0.3  # start value of a search
 _DESCRIPTION = "Correlation of samples one usual interval apart; default: unknown"
 
 
@@ -247,7 +247,7 @@ class AR1:
     def _by_channel[N](
         self, function: Callable[[ChannelSpacing, Any, Any], N], samples: Any, theta: Any
     ) -> N:
-        """Apply `function` to samples over sigma and rho by channel, `(W, T, K)`; NaN if missing."""
+        """Apply `function` to samples / sigma and rho by channel, `(W, T, K)`; NaN if missing."""
         sigma, rho = (affine_map(f, theta) for f in (self.scales, self.memory.values))
         values = dual(samples).value
         channels = [*enumerate(self._channels)]

@@ -25,7 +25,7 @@ class NoisyChannel:
     """A noisy channel has the noise that its config declares.
 
     `sigma` is a number, SI, or a prior, for which a search begins at `start`.  The `kind` of noise
-    defines the `entries`, each None if not given.  `factor` is SI units per unit of the column.
+    defines the `entries`, each None if not given.  `factor` is SI units per unit of its column.
     """
 
     channel: Channel
@@ -41,7 +41,7 @@ class SimulatorResiduals:
     """Residuals are measured minus modelled values at W points, evaluated when they are first used.
 
     `full (W, P)` has the parameters of this simulator alone.  Samples are NaN where nothing was
-    measured.  Sums of K channels are computed without keeping samples.  `over_scales (W, K)` are
+    measured.  Sums over samples do not store the samples.  `over_scales (W, K)` are
     weighted sums of squares, if a kernel has computed them.
     """
 
@@ -117,7 +117,7 @@ class ChannelResiduals:
         return self.residuals.intervals(*scaled)[:, self.columns]
 
     def _all_channels(self, numbers: Array, fill: float) -> Array:
-        """Return `numbers` in their places among all channels, with `fill` in the others."""
+        """Return `numbers` in the columns of these channels among all, and `fill` elsewhere."""
         out = np.full((len(numbers), self.n_channels), fill)
         out[:, self.columns] = numbers
         return out
@@ -151,7 +151,7 @@ class Noise(Protocol):
         """
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return fixed values by index of the channel, which must be the same in a resumed run.
+        """Return fixed values, which a resumed run must not change, by index of the channel.
 
         Results also identify a noise by its `key` of plain data, or else by its class.
         """
@@ -160,7 +160,7 @@ class Noise(Protocol):
         """Return the normalised log likelihood of each channel: `(W, K)`."""
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        """Return the log density `(W, T, K)` of each sample given those before it.
+        """Return the log density `(W, T, K)` of each sample given earlier samples.
 
         If samples and unknowns are `duals.Dual` instead of arrays, so is the result.
         """
@@ -179,7 +179,7 @@ class Noise(Protocol):
         """Return whitened residuals `(W, T, K)`, independent and standard normal."""
 
     def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return samples minus their predictions from earlier ones, `(W, T, K)`, SI."""
+        """Return samples minus their predictions from earlier samples, `(W, T, K)`, SI."""
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
         """Return whitened `shifts` of signals, `(W, T, K)`.
@@ -194,8 +194,8 @@ class Noise(Protocol):
         """Return slope and curvature of the log likelihood by the unknowns of the noise.
 
         Derivatives are by the log of positive unknowns.  The curvature is minus the second derivative,
-        and at least its expected value, so that Newton steps are safe.  Both are `(W, n)`; the
-        curvature may also be a matrix `(W, n, n)`.
+        and at least its expected value, so that Newton steps are safe.  Both are `(W, n)`, but
+        the curvature may also be a matrix `(W, n, n)`.
         """
 
     def expected(self, theta: Array) -> Array:
@@ -218,7 +218,7 @@ class NoiseKind(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ChannelNumbers:
-    """Each channel's number is `fixed`; if None, it is an unknown in the columns from `first`."""
+    """Each channel has a number in `fixed` or, if None, an unknown from the column `first` on."""
 
     fixed: tuple[float | None, ...]
     first: int
@@ -247,20 +247,20 @@ class ChannelNumbers:
         return out
 
     def with_sizes(self, sizes: Mapping[int, float]) -> dict[int, object]:
-        """Return pairs of a known size, or None, and the fixed number, by index of the channel."""
+        """Return pairs (known size, fixed number), None for unknowns, by index of the channel."""
         return {k: (sizes.get(k), value) for k, value in enumerate(self.fixed)}
 
 
 SCORING_STEPS = 100  # largest number of steps of a fit
 SMALL_STEP = 1e-4  # a fit ends when no step is larger
-LARGEST_STEP = 1.0  # bound on a step of the log, or of the probit
-END_MARGIN = 1e-4  # distance that a fit keeps from both ends, over the width between them
+LARGEST_STEP = 1.0  # limit of a step of the log, or of an unknown between two ends
+END_MARGIN = 1e-4  # smallest distance of a fit from both ends / distance between the ends
 
 
 def fit_noise(noise: Noise, residuals: Residuals, theta: Array) -> Array:
     """Return the unknowns of a noise `(n,)` fitted to the residuals of one walker.
 
-    Scoring starts from `theta (n,)` and takes the diagonal of the curvature alone.  Steps are halved
+    Scoring starts from `theta (n,)` and uses only the diagonal of the curvature.  Steps are halved
     until the likelihood rises, and stay inside the priors.
     """
     plain = np.array([unknown.between is not None for unknown in noise.unknowns], dtype=bool)
@@ -289,7 +289,7 @@ def fit_noise(noise: Noise, residuals: Residuals, theta: Array) -> Array:
 
 
 def as_matrix(curvature: Array, theta: Array) -> Array:
-    """Return a curvature by `theta (..., n)` as a matrix; it may be given by its diagonal."""
+    """Return a curvature by `theta (..., n)`, a matrix or its diagonal, as a matrix."""
     if curvature.ndim > theta.ndim:
         return curvature
     return np.asarray(curvature[..., None] * np.eye(theta.shape[-1]))

@@ -23,14 +23,14 @@ class ChannelNoise:
 
 
 def noise_key(noise: Noise) -> object:
-    """Return plain data that identify a kind of noise in stored results, apart from its values."""
+    """Return plain data that identify a kind of noise in stored results, without its values."""
     return getattr(noise, "key", type(noise).__name__)
 
 
 def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
     """Return the noise for times `t (T,)`, at which the samples with `seen (T, K)` were recorded.
 
-    Raises `ValueError` if samples are missing and the noise needs every one.
+    Raises `ValueError` if samples are missing and the noise needs every sample.
     """
     at_times: Callable[..., Noise] | None = getattr(noise, "at_times", None)
     if at_times is not None:

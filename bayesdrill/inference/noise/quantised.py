@@ -1,7 +1,7 @@
 """Quantised noise is Gaussian and rounded to known steps, as encoders and converters do.
 
-A sample only tells which interval was rounded to its value.  The likelihood of the sample is the
-probability of this interval over the step.  The noise may be much smaller than a step.
+A sample only tells in which interval the unrounded value was.  The likelihood of the sample is the
+probability of this interval divided by the step.  The noise may be much smaller than a step.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from bayesdrill.inference.noise.contract import NoisyChannel, Residuals
 from bayesdrill.inference.noise.white import IndependentNoise, White
 from bayesdrill.inference.unknowns import Unknown
 
-MIN_KERNEL_HALF_STEP = 0.2  # half a step over sigma, below which sums of the kernels lose digits
-MAX_DISTANCE = 9.0  # in sigmas from the end of an interval: information beyond is negligible
+MIN_KERNEL_HALF_STEP = 0.2  # least step / (2 sigma) at which the kernels' sums keep their digits
+MAX_DISTANCE = 9.0  # in sigmas from the end of an interval: farther samples tell nothing
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(160)
 _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 _DESCRIPTION = "Step to which samples were rounded, in the unit of the column"
@@ -81,7 +81,7 @@ class Quantised(IndependentNoise):
         fine = (half < MIN_KERNEL_HALF_STEP).any(axis=1)
         if fine.any():
             terms = self.pointwise(residuals.samples[fine], theta[fine])
-            failed = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # not missing
+            failed = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # besides missing samples
             exact = np.where(failed, np.nan, np.nansum(terms, axis=1))
             log_mass[fine] = np.where(half[fine] < MIN_KERNEL_HALF_STEP, exact, log_mass[fine])
         return np.asarray(log_mass)
@@ -91,7 +91,7 @@ class Quantised(IndependentNoise):
         return self._log_mass(samples, scales) - np.log(self.steps)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return normal numbers drawn in the samples' intervals, from the same draws for all W."""
+        """Return normal numbers drawn in the samples' intervals, the same draws at all W points."""
         uniform = np.random.default_rng(0).random(samples.shape[1:])
         sigma, half = self.levels.scales(theta)[:, None], 0.5 * np.array(self.steps)
         return _Interval((samples - half) / sigma, (samples + half) / sigma).quantile(uniform)
@@ -142,7 +142,7 @@ class _Interval:
 
     @property
     def _in_lower_tail(self) -> tuple[Array, Array]:
-        """Return the nearer and farther end from zero, mirrored to the lower tail, to keep digits."""
+        """Return the end nearer to zero, then the other, in the lower tail to keep digits."""
         right = self.low + self.high > 0
         return np.where(right, -self.low, self.high), np.where(right, -self.high, self.low)
 
@@ -154,12 +154,12 @@ class _Interval:
             return np.asarray(below + _log_one_minus_exp(scipy.special.log_ndtr(far) - below))
 
     def densities(self, log_mass: Array) -> tuple[Array, Array]:
-        """Return the densities at both ends, over the probability between them."""
+        """Return the densities at both ends, divided by the probability between the ends."""
         low, high = (np.exp(-0.5 * x**2 - _LOG_SQRT_2PI - log_mass) for x in (self.low, self.high))
         return low, high
 
     def quantile(self, uniform: Array) -> Array:
-        """Return the quantile, inside the interval, at the probabilities `uniform`."""
+        """Return quantiles of a normal number in the interval, at the probabilities `uniform`."""
         right = self.low + self.high > 0
         near, far = self._in_lower_tail
         log_tails = scipy.special.log_ndtr(near), scipy.special.log_ndtr(far)
@@ -181,9 +181,9 @@ def _log_one_minus_exp(log_ratio: Array) -> Array:
 
 
 def _information(ratio: Array) -> tuple[Array, Array]:
-    """Return the information of one sample on the signal over sigma, and on the log of sigma.
+    """Return the information of one sample on signal / sigma, and on the log of sigma.
 
-    `ratio (...,)` is the step over sigma.  Both are averages over the signal's place between steps.
+    `ratio (...,)` is step / sigma.  Both are means over the position of the signal in a step.
     """
     half = 0.5 * ratio[..., None]
     first = np.maximum(half - MAX_DISTANCE, 0.0)  # by symmetry one side suffices

@@ -1,7 +1,7 @@
 """Student's t noise is independent and has heavy tails; scale and degrees may be unknown.
 
-Outliers occur now and then; farther ones have less weight in a fit.  `sigma` is the scale of the
-distribution, whose standard deviation is larger.
+Outliers are possible, and larger residuals have less weight in a fit.  `sigma` is the scale of the
+distribution; the standard deviation is larger.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from bayesdrill.inference.unknowns import Unknown
 
 # Degrees of freedom: below 2 the sd is infinite, and at 100 the distribution is nearly normal.
 MIN_DEGREES, MAX_DEGREES = 2.1, 100.0
-START_DEGREES = 5.0  # a search begins here
+START_DEGREES = 5.0  # start value of a search
 _DESCRIPTION = "Degrees of freedom; default: unknown"
 
 
@@ -76,7 +76,7 @@ class StudentT(IndependentNoise):
         return _log_density(samples, *self._each(theta))
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return normal numbers `(W, T, K)` with the quantiles of the samples, by the nearer tail."""
+        """Return normal numbers `(W, T, K)` at the samples' quantiles, from the nearer tail."""
         scale, nu = self._each(theta)
         tail = scipy.special.stdtr(nu, -np.abs(samples) / scale)
         return np.asarray(-np.sign(samples) * scipy.special.ndtri(tail))

@@ -106,7 +106,7 @@ class White:
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
         """Return slopes and curvature by the logs of unknown sigmas.
 
-        The larger of actual and expected curvature bounds a step if sigma is far from the best one.
+        The larger of actual and expected curvature bounds a step if sigma is far from its optimum.
         """
         if not self.unknown:
             return np.zeros_like(theta), np.zeros_like(theta)

@@ -1,4 +1,4 @@
-"""Run Nelder-Mead on scaled unknowns, restarted with new simplexes while they help.
+"""Run Nelder-Mead on scaled unknowns, and restart it with new simplexes while restarts help.
 
 Without scaling the simplex stops too early: a damping of 1e-4 is as small as the default absolute
 tolerance of most libraries.  Here, the first steps of a simplex are a tenth of each unknown while
@@ -28,7 +28,7 @@ type AskTell[T] = Generator[Array, Array, T]
 
 @dataclass(slots=True)
 class SimplexRun:
-    """A simplex run evaluates at most `most` points `place(x)` of scaled `x (D,)`.
+    """A simplex run evaluates at most `most` points `place(x)`, where `x (D,)` is scaled.
 
     `first` is the value at the start, and `lowest` the lowest value so far, at `x`.  `stopped`
     tells whether the tolerances were met.
@@ -64,7 +64,7 @@ def nelder_mead(
     tolerance: float,
     place: Callable[[Array], Array],
 ) -> AskTell[SimplexRun]:
-    """Minimise from `simplex (D + 1, D)` until its size and its values differ less than the tolerances.
+    """Minimise from `simplex (D + 1, D)` until its size and range of values are within tolerances.
 
     The evaluated points are those of `scipy.optimize.minimize`: Nelder and Mead (1965), with the
     coefficients of Gao and Han (2012) for more than two unknowns.
@@ -108,7 +108,7 @@ def nelder_mead(
 
 
 def in_lock_step[T](searches: Sequence[AskTell[T]], function: Callable[[Array], Array]) -> list[T]:
-    """Run searches in lock-step; `function` maps the points of all of them `(W, D)` to `(W,)`."""
+    """Run searches in lock-step; `function` maps the points `(W, D)` of all searches to `(W,)`."""
     asked = {search: next(search) for search in searches}
     results: dict[AskTell[T], T] = {}
     while asked:
@@ -133,9 +133,9 @@ LOG_STEP = 0.1  # first step of a simplex that is far from the optimum, in the l
 class NelderMead:
     """The Nelder-Mead method is applied with restarts.
 
-    The last restart is the first that gains less than `enough` of the log density.  There are at most
-    `per_unknown` evaluations for each unknown.  The defaults only come near a maximum, to which
-    Gauss-Newton then converges with fewer evaluations than a simplex.
+    Restarts end after a run that gains less than `enough` in log density.  The evaluations
+    are at most `per_unknown` times the number of unknowns.  The defaults only come near a maximum,
+    to which Gauss-Newton then converges with fewer evaluations than a simplex.
     """
 
     enough: float = 1.0
@@ -178,7 +178,7 @@ def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTel
 
 
 def _place(z: Array, root: Array, x: Array) -> Array:
-    """Return the point with the coordinates `x (D,)` in the columns of `root (D, D)` around `z (D,)`."""
+    """Return z + root x for `z (D,)`, `root (D, D)` and the coordinates `x (D,)` of the simplex."""
     return np.asarray(z + root @ x)
 
 

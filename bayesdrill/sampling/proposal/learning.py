@@ -1,8 +1,8 @@
 """Learn the independence proposal from the log density, before any walker takes a step.
 
-The ridge of each maximum is traced.  Then draws of the present proposal are weighted with the
-density, and a Gaussian mixture over the ridges' coordinates is fitted to them.  This adaptive
-importance sampling ends when the mixture no longer improves.
+The ridge of each maximum is traced.  Then draws of the current proposal get importance weights, and
+a Gaussian mixture in the coordinates of the ridges is fitted to them.  This adaptive importance
+sampling ends when the mixture no longer improves.
 """
 
 from __future__ import annotations
@@ -39,26 +39,26 @@ from bayesdrill.sampling.samplers.independence import (
 Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
 DRAWS_PER_ROUND = 2400  # draws of the proposal in a round
-WIDE_FACTOR, WIDE_DRAWS = 1.5, 800  # relative width of the wider proposal, and its number of draws
+WIDE_FACTOR, WIDE_DRAWS = 1.5, 800  # relative width of the wider proposal, and its draws per round
 RIDGES_PER_BATCH = 6  # a round has a batch of draws for every six ridges
-MAX_TRIES_PER_DRAW = 50  # tries for each draw inside the prior
-MAX_ROUNDS = 12  # rounds of drawing and fitting
-FEW_ROUNDS, HOPELESS_DRAWS = 5, 2.0  # after these rounds, fewer effective draws end the learning
-MIN_IMPROVEMENT = 1.04  # ratio of effective shares of two rounds, below which the learning settles
-MIN_EFFECTIVE_SHARE = 0.3  # the learning goes on while a smaller share of the draws is effective
-MIN_TEMPERED_SHARE = 0.1  # the weights are tempered until this share of the draws is effective
+MAX_TRIES_PER_DRAW = 50  # largest number of tries for each draw inside the prior
+MAX_ROUNDS = 12  # largest number of rounds of drawing and fitting
+FEW_ROUNDS, HOPELESS_DRAWS = 5, 2.0  # after more rounds, fewer effective draws end the learning
+MIN_IMPROVEMENT = 1.04  # a smaller growth factor of the effective fraction means that it settled
+MIN_EFFECTIVE_SHARE = 0.3  # the learning goes on while a smaller fraction of the draws is effective
+MIN_TEMPERED_SHARE = 0.1  # the weights are tempered until this fraction of the draws is effective
 REDRAW_COST = 0.4  # cost of a draw outside the prior, in evaluations of the density
-MAX_ADDED_RIDGES = 4  # how often ridges are added at most
-GOOD_EFFECTIVE_SHARE = 0.3  # no ridge is added if this share of the draws is effective
-CENTRE_QUANTILE = 0.9  # a new centre is a draw with a weight above this quantile
-MAX_STRAY_MASS = 0.01  # posterior mass beyond the ends of ridges, above which these are replaced
+MAX_ADDED_RIDGES = 4  # largest number of times that ridges are added
+GOOD_EFFECTIVE_SHARE = 0.3  # no ridge is added if this fraction of the draws is effective
+CENTRE_QUANTILE = 0.9  # new ridges start at draws with weights above this quantile
+MAX_STRAY_MASS = 0.01  # with more posterior mass beyond the ends of ridges, the ridges are replaced
 TRAPPING_PENALTY = 20.0  # weight of regions where p/q is large, because walkers stay there for long
 MAX_TRAPPED_MASS = 0.005  # posterior mass in such regions, above which the learning goes on
-COMPONENT_SCALE = 0.7  # initial width of several components over that of a single one
+COMPONENT_SCALE = 0.7  # initial width of each of several components, relative to a single one
 INITIAL_TIGHT_SDS = 1.2  # initial width in the tight directions, in standard deviations
 NEGLIGIBLE_RIDGE = 1e-6  # posterior mass below which a ridge is left out
 NEGLIGIBLE_MAXIMUM = 1e-3  # posterior mass below which a maximum is not checked for missed mass
-MAX_COMPONENTS_OF_RIDGE, MAX_COMPONENTS = 4, 32  # per ridge, and for all ridges
+MAX_COMPONENTS_OF_RIDGE, MAX_COMPONENTS = 4, 32  # largest numbers, per ridge and in total
 EM_ROUNDS = (12, 6)  # expectation-maximisation iterations in the first round and in later ones
 # Wide components for the tails: weight, and factors on the width along the ridge and across it.
 TAIL_COMPONENTS = ((0.08, 2.0, 1.05), (0.04, 1.2, 1.5))
@@ -70,7 +70,7 @@ class NoSupportError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnedProposal:
-    """A learnt proposal has test `draws`; its ridges belong to the maxima with indices `origin`.
+    """A learnt proposal has test `draws`; `origin` is the index of each ridge's maximum.
 
     `missed` estimates the posterior mass that the proposal hardly ever reaches.
     """
@@ -81,7 +81,7 @@ class LearnedProposal:
     missed: float = 0.0
 
     def shares(self, u: Array, n_maxima: int) -> Array:
-        """Return the share of draws `u (N, D)` that each maximum holds: `(n_maxima,)`, sum 1."""
+        """Return the fraction of draws `u (N, D)` at each maximum: `(n_maxima,)`, sum 1."""
         equal = np.full(len(u), 1.0 / len(u))
         component_shares = responsibilities(self.proposal.mixture, u, equal)[1].sum(axis=1)
         mode_shares = np.zeros(n_maxima)
@@ -102,7 +102,7 @@ def learn(
     """Learn a proposal from the `maxima` (each `(D,)`).
 
     At most `max_added_ridges` ridges are added where the proposal is poor.  With `check`, posterior
-    mass that the proposal misses is estimated.  Raises `NoSupportError` if no draw has a density.
+    mass that the proposal misses is estimated.  Raises `NoSupportError` if all densities are zero.
     """
     parts = [(origin, trace(surface, maximum, rng)) for origin, maximum in enumerate(maxima)]
     try:
@@ -134,7 +134,7 @@ def learn(
 
 
 def _heaviest(learning_round: _Round) -> tuple[list[int], tuple[Array, Array]]:
-    """Return the ridge with the most mass of each maximum, the draws, and their weights for each."""
+    """Return the heaviest ridge of each maximum, and draws with weights for each such ridge."""
     u, weights = learning_round.weighted_draws
     mixture, origin = learning_round.proposal.mixture, np.array(learning_round.origin)
     shares = responsibilities(mixture, u, weights)[1]
@@ -164,7 +164,7 @@ def _best_mixture(
         share = round_.draws.effective_share
         settled = bool(rounds) and share < MIN_IMPROVEMENT * rounds[-1].draws.effective_share
         rounds.append(round_)
-        text = f"learning the proposal, round {len(rounds)}: {share:.0%} of its draws count"
+        text = f"learning the proposal, round {len(rounds)}: {share:.0%} of its draws are effective"
         report.update(len(rounds) / (MAX_ROUNDS + 1), text)
         good = share > MIN_EFFECTIVE_SHARE and round_.draws.trapped < MAX_TRAPPED_MASS
         hopeless = round_.draws.effective < HOPELESS_DRAWS  # one draw outweighs all others
@@ -180,7 +180,7 @@ def _best_mixture(
 
 
 def _best(rounds: Sequence[_Round]) -> _Round:
-    """Return the most efficient round, compared with the last round, which reaches furthest."""
+    """Return the most efficient round after comparisons with the last, which reaches furthest."""
     *candidates, last = rounds
     while candidates:
         k = int(np.argmax([candidate.efficiency for candidate in candidates]))
@@ -237,7 +237,7 @@ def _central_draws(learning_round: _Round) -> list[tuple[int, Array, tuple[Array
 
 @dataclass(frozen=True, slots=True)
 class _Round:
-    """A round tests a proposal by `draws`: `counts` of the mixture, and of the wider one."""
+    """A round tests a proposal by `draws`: `counts` from its mixture and from a wider mixture."""
 
     proposal: Proposal
     origin: tuple[int, ...]
@@ -251,7 +251,7 @@ class _Round:
 
     @property
     def weighted_draws(self) -> tuple[Array, Array]:
-        """Return the draws `(N, D)` with a density, and weights, tempered if few are effective."""
+        """Return draws `(N, D)` of nonzero density, and weights, tempered if few are effective."""
         draws = self.draws.supported()
         return draws.u, draws.tempered(MIN_TEMPERED_SHARE * len(draws.u))
 
@@ -278,7 +278,7 @@ class _Round:
 
     @property
     def efficiency(self) -> float:
-        """Return the effective share of the draws over their cost, with a penalty for trapped mass."""
+        """Return effective fraction / cost of the draws, with a penalty for trapped mass."""
         cost = 1.0 + REDRAW_COST / self.proposal.share_inside
         return self.draws.effective_share / (cost * (1.0 + TRAPPING_PENALTY * self.trapped))
 
@@ -301,9 +301,9 @@ def _draw(mixture: Mixture, origin: tuple[int, ...], surface: LogDensity, random
 
 
 def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Array, Array]:
-    """Return the logs of the density of all draws and of the mixture's density at `u (N, D)`.
+    """Return log densities at `u (N, D)`: of all draws together, then of the mixture alone.
 
-    The draws are `counts` of the mixture and of the wider one.
+    `counts` are the numbers of draws from the mixture and from the wider mixture.
     """
     y, jacobian = mixture.straightened(u)
     log_q = mixture.log_density_at(y, jacobian)
@@ -323,7 +323,7 @@ def _inside(mixture: Mixture, n: int, surface: LogDensity, random: Random) -> tu
 
 
 def _initial_mixture(traced: Sequence[TracedRidge]) -> Mixture:
-    """Return a mixture with a component for each ridge, of its initial mean and spread."""
+    """Return a mixture with a component for each ridge, at the ridge's initial mean and spread."""
     means, roots = [], []
     for part in traced:
         tight = part.ridge.frame.tight.shape[1]
@@ -334,7 +334,7 @@ def _initial_mixture(traced: Sequence[TracedRidge]) -> Mixture:
 
 
 def _several_components(mixture: Mixture, u: Array, weights: Array, random: Random) -> Mixture:
-    """Return a mixture with several components for each ridge, at draws selected by weight."""
+    """Return a mixture with several components per ridge, centred at draws selected by weight."""
     y, jacobian = mixture.straightened(u)
     owner = mixture.sheet[np.argmax(mixture.log_parts(y, jacobian), axis=0)]
     parts: list[Component] = []
@@ -377,6 +377,6 @@ def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:
 
 
 def responsibilities(mixture: Mixture, u: Array, weights: Array) -> tuple[Array, Array]:
-    """Return coordinates `(S, N, D)` of `u (N, D)`, and `weights` divided by component, `(K, N)`."""
+    """Return coordinates `(S, N, D)` of `u (N, D)`, and `weights` by component, `(K, N)`."""
     y, jacobian = mixture.straightened(u)
     return y, mixture.responsibilities(y, jacobian, weights)

@@ -19,15 +19,15 @@ from bayesdrill.sampling.samplers import independence
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal, Random, WeightedDraws
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
-ROUNDS = (400, 400, 1600)  # draws of each round; the last round gives the estimate
+ROUNDS = (400, 400, 1600)  # number of draws of each round; the last round gives the estimate
 FAR_LOG_RATIO = 3.0  # missed mass has a log (p/q) this much above the typical value
-MAX_MISSED_MASS = 0.01  # share of the posterior that may be missed
-MIN_EFFECTIVE_SHARE = 0.02  # the first round decides only with a larger effective share
-MAX_TRIES_PER_DRAW = 10  # tries for each draw inside the prior
-MIN_TEMPERED_SHARE = 0.1  # the weights are tempered until this share of the draws is effective
+MAX_MISSED_MASS = 0.01  # fraction of the posterior; less missed mass counts as zero
+MIN_EFFECTIVE_SHARE = 0.02  # effective fraction of draws that is enough to end in the first round
+MAX_TRIES_PER_DRAW = 10  # largest number of tries for each draw inside the prior
+MIN_TEMPERED_SHARE = 0.1  # the weights are tempered until this fraction of the draws is effective
 NEGLIGIBLE_WEIGHT = 1e-9  # added to the weights, as a sheet may have no draws
 WIDTH_ALONG, WIDTH_ACROSS = 1.3, 1.05  # widths of a component, relative to the weighted draws
-LOOKING = "looking for what the proposal leaves out"
+LOOKING = "looking for posterior mass that the proposal misses"
 
 
 def missed_mass(
@@ -37,10 +37,10 @@ def missed_mass(
     weighted_draws: tuple[Array, Array],
     random: Random,
 ) -> float:
-    """Estimate the share of the posterior that `proposal` hardly ever reaches, 0 if negligible.
+    """Estimate the posterior mass that `proposal` hardly ever reaches, 0 if negligible.
 
-    The search follows the sheets of the proposal with indices `sheets`.  `weighted_draws` are draws
-    of the posterior `(N, D)`, and their weights for each of these sheets `(S, N)`.
+    Only the sheets (ridges) of the proposal with indices `sheets` are searched.  `weighted_draws`
+    are draws of the posterior `(N, D)`, and their weights for each of these sheets `(S, N)`.
     """
     selected = [proposal.mixture.sheets[s] for s in sheets]
     if all(sheet.n_loose in (0, len(sheet.frame.centre)) for sheet in selected):
@@ -74,7 +74,7 @@ def _wide(sheets: Sequence[RidgeMap], u: Array, weights: Array) -> Mixture:
 def _drawn(
     surface: LogDensity, mixture: Mixture, n: int, random: Random
 ) -> tuple[WeightedDraws, Array]:
-    """Draw about `n` points with a density along Newton ridges, and each sheet's shares `(S, N)`."""
+    """Draw about `n` points of nonzero density along Newton ridges; return `Mixture.shares` too."""
     ridges = tuple(newton_ridge(sheet, surface.approximate_model) for sheet in mixture.sheets)
     mixture = replace(mixture, sheets=ridges)
     share_inside = surface.inside(mixture.draw(n, random).u).mean()

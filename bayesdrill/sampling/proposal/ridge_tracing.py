@@ -1,12 +1,12 @@
 """Trace the ridge through a maximum of a log density, without knowledge of the rig.
 
 The curvature at the maximum, in units of the priors' precision, splits the unknowns into tight
-directions, which the record determines far better than the priors, and loose ones.  In stages of
-growing length, points are placed along the loose directions, and Gauss-Newton returns each of them
-to the ridge.  Polynomials are fitted to the points at which it ends.
+directions, which the record determines far better than the priors do, and loose directions.  In
+stages of growing length, points are placed along the loose directions.  Gauss-Newton returns each
+of them to the ridge.  Polynomials are fitted to the returned points.
 
-A Newton ridge begins at the polynomials, and moves every point to the exact ridge by Gauss-Newton.
-A draw from it costs about a hundred evaluations, so only the check of missed mass uses it.
+A Newton ridge moves every point from the polynomials to the exact ridge by Gauss-Newton.  Each draw
+then costs about a hundred evaluations, so only the check for missed mass uses a Newton ridge.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ NEAR_END = 1e-6  # an unknown nearer to an end of its prior, in spreads of the p
 MIN_NEW_SHARE = 1e-6  # if the orthogonal part of a unit axis is shorter, it is a rounding error
 MAX_SDS_BEYOND_END = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
 PROBES = 12  # number of random prior points at which a flat direction must be flat
-NEGLIGIBLE_CURVATURE = 1e-12  # curvature over the largest, below which it is a rounding error
-KNOWLEDGE_DISCOUNT = 9.0  # divides loose precisions at the maximum; they may be lower elsewhere
+NEGLIGIBLE_CURVATURE = 1e-12  # curvature / largest curvature; a smaller ratio is a rounding error
+KNOWLEDGE_DISCOUNT = 9.0  # divisor of loose directions' precisions, which may be lower elsewhere
 BEYOND_ENDS = 0.1  # points are used up to this distance beyond the priors, in ranges of the priors
 SCATTER_WIDTH = 1.4  # ratio of the width of the points to the expected width of the posterior
 TRUSTED_EXTRAPOLATION = 2.0  # in radii of the fitted points: how far the next stage trusts the fit
 MAX_CORNER_GROWTH = 2.0  # limit of a coordinate's highest power; it is at most 1 at fitted points
-ITERATIONS = 6  # Gauss-Newton steps for each point
+ITERATIONS = 6  # largest number of Gauss-Newton steps for each point
 CONVERGED_SDS = 0.03  # Gauss-Newton ends after a step of fewer standard deviations
 MAX_STEP = 0.5  # longest step, in priors' spreads
 MAX_SDS = 1e100  # standard deviations from the ridge; a larger number comes from overflow
@@ -50,9 +50,9 @@ FAIR_ERROR = 0.3  # in standard deviations: above this error, points are added
 POINTS_PER_TERM = 2.5  # points for each term of a polynomial
 MAX_DEPTH = 100.0  # a point this far below the highest log density is not on the ridge
 HELD_OUT_EVERY = 4  # every fourth point is held out of the fit
-PRIOR_MARGIN = 0.9  # up to this share of the way to a point, the ridge has to be within the priors
-NEAR_SDS = 0.5  # a step to a Newton ridge that is shorter, in standard deviations, is the last
-NEWTON_ITERATIONS = 9  # most steps to a Newton ridge; a bad polynomial may need half of these
+PRIOR_MARGIN = 0.9  # the ridge has to be within the priors for this fraction of the way to a point
+NEAR_SDS = 0.5  # in standard deviations: after a shorter step, a point is on the Newton ridge
+NEWTON_ITERATIONS = 9  # largest number of steps to a Newton ridge; bad polynomials may need half
 
 
 def split_directions(
@@ -60,9 +60,9 @@ def split_directions(
 ) -> tuple[LocalBasis, Array]:
     """Return the basis at the maximum `centre (D,)`, and the precision of its loose part `(l,)`.
 
-    `here` is the quadratic model at `centre`.  The flat directions `still (D, f)` come first.  An
-    unknown that is pressed against an end of its prior becomes a loose direction of its own.  If it
-    were part of a tight direction, the maximum would lie outside the prior.
+    `here` is the quadratic model at `centre`.  Flat directions `still (D, f)` come first in the
+    basis.  An unknown pressed against an end of its prior becomes a loose direction of its own.  In
+    a tight direction, it would put the maximum of the quadratic model outside the prior.
     """
     scale = surface.spread
     slope, curvature = here.slope[0] * scale, here.curvature[0] * np.outer(scale, scale)
@@ -87,7 +87,7 @@ def split_directions(
 
 
 def _orthogonal(separate: Array, unknowns: Indices) -> tuple[Array, list[int]]:
-    """Append orthonormal axes of `unknowns` to `separate (D, n)`; also return those appended."""
+    """Append orthonormal axes of `unknowns` to `separate (D, n)`; also return appended unknowns."""
     added: list[int] = []
     for d in map(int, unknowns):
         axis = np.eye(len(separate))[d] - separate @ separate[d]
@@ -97,7 +97,7 @@ def _orthogonal(separate: Array, unknowns: Indices) -> tuple[Array, list[int]]:
 
 
 def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
-    """Return eigenvalues, ascending, and eigenvectors `(D, n)` orthogonal to the columns `without`."""
+    """Return ascending eigenvalues, and eigenvectors `(D, n)` orthogonal to columns `without`."""
     whole = np.linalg.qr(without, mode="complete")[0]
     complement = whole[:, without.shape[1] :]
     values, vectors = np.linalg.eigh(complement.T @ curvature @ complement)
@@ -123,9 +123,9 @@ def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
     return np.asarray(vectors[:, values < NEGLIGIBLE_CURVATURE])
 
 
-# A box is divided by ten up to `MAX_SHRINKINGS` times, and tested by `SHRINKING_DRAWS` each time.
+# The size of a box is divided by ten up to `MAX_SHRINKINGS` times; each size is tested by draws.
 MAX_SHRINKINGS, SHRINKING_DRAWS = 14, 200
-STAGES = (0.15, 0.3, 0.5, 0.75, 1.0)  # lengths of a ridge to fit, as shares of its whole length
+STAGES = (0.15, 0.3, 0.5, 0.75, 1.0)  # lengths of the traced part, as fractions of the whole ridge
 # Smallest number of points in a stage and in the last stage, and largest number of points in all.
 MIN_POINTS, LAST_POINTS, MAX_POINTS = 40, 300, 1600
 MAX_HALVINGS = 4  # number of tried lengths of a ridge, each half of the previous one
@@ -155,7 +155,7 @@ def trace(
 
     If there are `weighted_draws`, draws of the posterior `(N, D)` and their weights `(N,)`, the
     ridge is followed as far as these draws reach.  Otherwise priors and the curvature at the
-    maximum give its length.
+    maximum determine its length.
     """
     here = surface.quadratic_model(centre[None], np.eye(len(centre)))
     still = flat_directions(surface, rng)
@@ -298,7 +298,7 @@ def _within_priors(surface: LogDensity, fitted: RidgeMap, psi: Array, stage: flo
 def _arrivals(
     surface: LogDensity, fitted: RidgeMap, psi: Array, previous: list[Array]
 ) -> list[Array]:
-    """Move points to the ridge, and append those that reach it to the `previous` ones.
+    """Move points to the ridge, and append the points that reach it to the `previous` points.
 
     Return psi, tau, covariance roots and log densities.  Points a little beyond the ends of the
     priors are kept, since polynomials are least accurate at their last points.  Points of much
@@ -328,8 +328,8 @@ def return_to_ridge(
     """Move points from `tau (N, t)` to the ridge at `psi (N, l)` by Gauss-Newton.
 
     Returns `tau (N, t)`, and covariance roots `(N, t, t)` and log densities `(N,)` from before the
-    last step.  The last result says which points arrived: those whose last step was below the
-    `tolerance`, in standard deviations.
+    last step.  The flags `(N,)` tell which points arrived: their last step was below `tolerance`,
+    in standard deviations.
     """
     tau = tau.copy()
     n_tight = tau.shape[1]

@@ -1,7 +1,7 @@
-"""Sample a Gaussian times a weight by elliptical slices, which need no tuning.
+"""Sample a Gaussian times a weight by elliptical slice sampling, which needs no tuning.
 
 Each step goes to a point on a random ellipse through the last point.  The range of angles is shrunk
-until the weight is above a level (Murray, Adams and MacKay 2010).
+until the weight is above a random level (Murray, Adams and MacKay 2010).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Indices
 
-MAX_SHRINKS = 60  # most shrinks before a chain stays, since the angle is then below rounding
+MAX_SHRINKS = 60  # after more shrinks, the range is below rounding and the chain stays
 
 LogWeight = Callable[[Array, Indices], Array]  # arguments: points `(n, m)` and their chains `(n,)`
 

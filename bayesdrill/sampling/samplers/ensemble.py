@@ -2,9 +2,9 @@
 
 The chain does not depend on the lengths of the segments.
 
-If the density p is far above the proposal q at a walker, the independence move leaves it there for
-about p/q steps.  So walkers with p/q above a limit also take a local Metropolis-Hastings step that
-is restricted to the set {p/q > limit}.  Other walkers do not move, so that p stays invariant.
+If the density p is far above the proposal q at a walker, the independence move leaves the walker
+there for about p/q steps.  So walkers with p/q above a limit also take a local Metropolis-Hastings
+step, restricted to the set {p/q > limit}.  Other walkers skip this step, so p stays invariant.
 
 The other moves are stretch and differential evolution as in emcee, but vectorised: emcee 3.1.6
 loops over the walkers, which costs more here than the model.  Its snooker move is left out, because
@@ -32,16 +32,16 @@ from bayesdrill.sampling.samplers.independence import (
 )
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
-LOCAL_SHARE = 0.2  # share of steps with local steps; batches of 1 and 30 points cost the same
-MIN_LENGTH, MAX_LENGTH = 0.01, 1.0  # length of a local step in widths of its component / sqrt(D)
+LOCAL_SHARE = 0.2  # local steps follow this fraction of moves: 1 point costs as much as 30
+MIN_LENGTH, MAX_LENGTH = 0.01, 1.0  # lengths of local steps, in component widths / sqrt(D)
 
 
 def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Array, Array]:
     """Return new points from `u (n, D)`, their log Hastings factors and their log q, `(n,)` each.
 
-    A component of q is drawn with its share of the density at `u`.  In the coordinates of this
-    component, the step is Gaussian with the component's shape and a log-uniform length.  The factor
-    corrects for the component's share at the new point.
+    A component is drawn with the probability q_k / q, its fraction of the density at `u`.  In the
+    component's coordinates, the step is Gaussian with its shape and a log-uniform length.  The
+    Hastings factor includes q_k / q at the new point.
     """
     n, d = u.shape
     walker = np.arange(n)
@@ -66,7 +66,7 @@ def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Arra
 
 STRETCH_SCALE = 2.0  # the parameter a of Goodman and Weare (2010)
 GAMMA = 2.38  # ter Braak's (2006) scale of a difference of two walkers, times sqrt(2 D)
-GAMMA_SPREAD = 1e-5  # relative noise of that scale, so that walkers leave a common plane
+GAMMA_SPREAD = 1e-5  # relative noise of `GAMMA`, so that walkers leave a common plane
 
 
 class Move(Protocol):
@@ -94,7 +94,7 @@ class Move(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SplitEnsembleMove:
-    """The move advances each half of the walkers, split at random, by the positions of the others.
+    """The move splits walkers at random, and advances each half by the positions of the other half.
 
     `proposal(walkers, others, random)` returns new points `(n, D)` and their log Hastings factors
     `(n,)`.  The proposal acts in the coordinates of the ridge `along`, if there is one.
@@ -126,9 +126,9 @@ class SplitEnsembleMove:
 
 @dataclass(frozen=True, slots=True)
 class IndependenceMove:
-    """The move takes all walkers to draws of a proposal that does not depend on their positions.
+    """The move proposes to all walkers draws that do not depend on the walkers' positions.
 
-    In a share `LOCAL_SHARE` of the steps, trapped walkers also take a local step (`step_trapped`).
+    With probability `LOCAL_SHARE`, trapped walkers also take a local step (`step_trapped`).
     """
 
     proposal: Proposal
@@ -136,7 +136,7 @@ class IndependenceMove:
     remembered: CachedLogDensity
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
-        """Advance all walkers by a draw of the proposal, and perhaps by local steps."""
+        """Advance all walkers by a draw of the proposal and, in some steps, by local steps."""
         everyone = np.arange(len(state.coords))
         proposal, known = self.proposal, self.remembered
         before = known.at(state.coords)
@@ -149,7 +149,7 @@ class IndependenceMove:
 
 
 def step_trapped(model: Any, state: Any, proposal: Proposal, log_q: Array) -> Flags:
-    """Take a local step with each walker whose p/q is too large; `log_q (W,)` is q at the walkers."""
+    """Take a local step with each walker whose p/q is too large; `log_q (W,)` is log q."""
     moved = np.zeros(len(log_q), dtype=bool)
     which = np.flatnonzero(state.log_prob > proposal.high(log_q))
     if len(which) > 0:
@@ -168,7 +168,7 @@ def _accept(
 ) -> Flags:
     """Accept or reject new points by Metropolis-Hastings; return which walkers have moved.
 
-    The target is restricted to log densities `above` that value.
+    The target is restricted to points with log p > `above`.
     """
     log_p = np.asarray(model.log_prob_fn(fresh))
     with np.errstate(divide="ignore"):
@@ -202,7 +202,7 @@ MoveFactory = Callable[[Proposal | None, Inside], Move | None]
 
 
 def halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> MoveFactory:
-    """Return a factory of moves of half the walkers, along the first ridge if one has been learnt."""
+    """Return a factory of split-ensemble moves, along the first ridge if a proposal was learnt."""
     return lambda learnt, _: SplitEnsembleMove(
         proposal, learnt.mixture.sheets[0] if learnt else None
     )
@@ -229,7 +229,7 @@ MOVES: Registry[MoveFactory] = Registry(
 def moves_with_weights(
     weights: Mapping[str, float], learnt: Proposal | None, inside: Inside
 ) -> list[tuple[Move, float]]:
-    """Return the `moves` of emcee; a move that needs a proposal is left out without one."""
+    """Return the argument `moves` of emcee, without moves that need a proposal if there is none."""
     built = [
         (MOVES[name](learnt, inside), weight) for name, weight in weights.items() if weight > 0
     ]
@@ -250,7 +250,7 @@ class State:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainSegment:
-    """Consecutive steps `z (S, W, D)`, `log_p (S, W)` with the counts `accepted (W,)`.
+    """A segment has consecutive steps `z (S, W, D)`, `log_p (S, W)`, and counts `accepted (W,)`.
 
     `failures` counts responses that overflowed, and `state` is the state after the last step.
     `seconds` is the computing time, which only affects the length of the next segment.
@@ -280,7 +280,7 @@ def advance(
     """Advance an ensemble by `n_steps`.
 
     `evaluate` returns the log densities of points `(n, D)` and the number of responses that overflowed.
-    Without a `proposal` the independence move is left out.  `inside` is a cheap test which points
+    Without a `proposal` the independence move is left out.  `inside` tests cheaply whether points
     `(n, D)` are inside the prior.
     """
     import emcee  # imported here, as loading takes half a second

@@ -23,14 +23,14 @@ from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 Random = np.random.RandomState
 
-LONG_LOG_RATIO = 2.0  # a walker is trapped if its log (p/q) is this much above the typical one
+LONG_LOG_RATIO = 2.0  # a walker is trapped if log (p/q) is this much above its typical value
 
 
 @dataclass(frozen=True, slots=True)
 class WeightedDraws:
     """Draws `u (N, D)` have the weights `log_w = log (p/q)` and `log_q`, `(N,)` each.
 
-    `log_q` is the log of q over the density of the draws.  Densities need no norm; p may be 0.
+    `log_q` is log (q / density of the draws).  Densities need not be normalised; p may be 0.
     """
 
     u: Array
@@ -49,7 +49,7 @@ class WeightedDraws:
 
     @property
     def effective_share(self) -> float:
-        """Return the share of draws from q alone that would be effective for p."""
+        """Return the fraction of draws from q alone that would be effective for p."""
         ratio, q = np.exp(self.log_w - self.log_w.max()), normalised(self.log_q)
         return float((q @ ratio) ** 2 / (q @ ratio**2))
 
@@ -57,28 +57,28 @@ class WeightedDraws:
     def acceptance(self) -> float:
         """Return the expected acceptance of independence proposals, E min(1, w(y) / w(x)).
 
-        With x from p, y from q: the mean of the smaller of two weights over the mean weight.
+        Here x is drawn from p and y from q.  It equals E min(w, w') / E w for two draws of q.
         """
         order = np.argsort(-self.log_w)
         ratio = np.exp(self.log_w[order] - self.log_w[order[0]])
         q = normalised(self.log_q)[order]
-        larger = np.cumsum(q) - 0.5 * q  # share of q with larger weights and half of the draw
+        larger = np.cumsum(q) - 0.5 * q  # mass of q at larger weights, plus half of this draw
         return float(2.0 * (q * ratio) @ larger / (q @ ratio))
 
     @property
     def trapped(self) -> float:
-        """Return the share of p where p/q is so large that a walker would be trapped."""
+        """Return the mass of p in regions where p/q is so large that a walker would be trapped."""
         return float(self.weights[self.log_w > self.typical_log_ratio + LONG_LOG_RATIO].sum())
 
     @property
     def typical_log_ratio(self) -> float:
-        """Return the median of log (p/q) over p."""
+        """Return the median of log (p/q) for draws of p."""
         order = np.argsort(self.log_w)
         middle = int(np.searchsorted(np.cumsum(self.weights[order]), 0.5))
         return float(self.log_w[order[min(middle, len(order) - 1)]])
 
     def tempered(self, least: float) -> Array:
-        """Return weights of p^b q^(1 - b), with the largest b up to 1 for `least` effective draws."""
+        """Return weights of p^b q^(1 - b), with the largest b <= 1 for `least` effective draws."""
 
         def flat(power: float) -> Array:
             with np.errstate(invalid="ignore"):
@@ -116,9 +116,9 @@ def effective_count(weights: Array) -> float:
 
 Inside = Callable[[Array], Flags]
 
-# Weight of draws outside the prior; with 1, nine of ten draws would be outside in a corner.
+# Weight of draws outside the prior; with 1, nine of ten draws at a corner would be outside.
 CUT_OFF_FILL = 0.8
-VARIANCE_FLOOR = 1e-4  # share of a sheet's variance that is added to each component's
+VARIANCE_FLOOR = 1e-4  # fraction of a sheet's variance, added to that of each component
 LOG_2PI = float(np.log(2.0 * np.pi))
 
 
@@ -142,7 +142,7 @@ class Mixture:
 
     Component k has the index `sheet (K,)` of its sheet and `weights (K,)` with sum 1.  Its `means
     (K, D)` and lower Cholesky factors `roots (K, D, D)` are in the coordinates of its sheet.
-    `inverses` are those of the roots, and `constants (K,)` the logs of the norms.
+    `inverses` are the inverse roots; `constants (K,)` the log weighted densities at the means.
     """
 
     sheets: tuple[RidgeMap, ...]
@@ -154,7 +154,7 @@ class Mixture:
     constants: Array
 
     def draw(self, n: int, random: Random) -> MixtureDraws:
-        """Draw `n` points, whether inside the prior or outside."""
+        """Draw `n` points, which may be outside the prior."""
         component = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))
         normal = random.standard_normal((n, self.means.shape[1]))
         y, u, jacobian = np.empty_like(normal), np.empty_like(normal), np.empty(n)
@@ -167,7 +167,7 @@ class Mixture:
         return MixtureDraws(u, jacobian, y, self.sheet[component])
 
     def coordinates(self, drawn: MixtureDraws) -> tuple[Array, Array]:
-        """Return `straightened` of this mixture's draws, which have coordinates on their own sheets."""
+        """Return `straightened` of this mixture's draws, which have coordinates on one sheet."""
         y = np.repeat(drawn.y[None], len(self.sheets), axis=0)
         jacobian = np.repeat(drawn.jacobian[None], len(self.sheets), axis=0)
         for s, sheet in enumerate(self.sheets):
@@ -191,13 +191,13 @@ class Mixture:
         return _summed(self.log_parts(y, jacobian))
 
     def shares(self, y: Array, jacobian: Array) -> tuple[Array, Array]:
-        """Return the share of each component in the density, `(K, W)`, and the log density `(W,)`."""
+        """Return fractions q_k / q of the components in the density, `(K, W)`, and log q `(W,)`."""
         parts = self.log_parts(y, jacobian)
         log_q = _summed(parts)
         return np.exp(parts - log_q), log_q
 
     def responsibilities(self, y: Array, jacobian: Array, weights: Array) -> Array:
-        """Return `weights (W,)`, each divided among the components by their shares, `(K, W)`."""
+        """Return `weights (W,)` times q_k / q, the fraction of each component in q: `(K, W)`."""
         parts = self.log_parts(y, jacobian)
         shares = np.exp(parts - parts.max(axis=0))
         return np.asarray(shares * (weights / shares.sum(axis=0)))
@@ -244,7 +244,7 @@ def fit_mixture(
     """Fit a mixture to draws `u (N, D)` with `weights (N,)` by expectation-maximisation from `start`.
 
     In each round the mixture's own draws outside the prior are added, so that the data do not
-    restrict its density there.  Components may then reach beyond an end with posterior density.
+    restrict its density there.  Components may then reach beyond an end with nonzero posterior.
     """
     current = start
     y, jacobian = start.straightened(u)
@@ -268,7 +268,7 @@ def improved(
 ) -> Mixture:
     """Return the mixture after a step of expectation maximisation, with `straightened` draws.
 
-    The floor `(D, D)` of its sheet is added to each covariance.
+    The covariance of each component is increased by the floor `(D, D)` of its sheet.
     """
     shares = current.responsibilities(y, jacobian, weights)
     totals = shares.sum(axis=1)
@@ -287,7 +287,7 @@ def improved(
 
 
 def _weights_of_sheets(current: Mixture, y: Array, jacobian: Array, weights: Array) -> list[Array]:
-    """Return the part of `weights (N,)` that belongs to each sheet: `(N,)` each."""
+    """Return `weights (N,)` times the fraction of each sheet in q: `(N,)` each."""
     if len(current.sheets) == 1:
         return [weights]
     shares, _ = current.shares(y, jacobian)
@@ -301,16 +301,16 @@ def _floor(y: Array, weights: Array) -> Array:
     return np.diag(VARIANCE_FLOOR * spread + 1e-12)
 
 
-MAX_REDRAWS = 8  # most rounds of draws, since some are outside the prior
-MAX_DRAWS_PER_WANTED = 10  # most draws in a round for each wanted one
+MAX_REDRAWS = 8  # largest number of rounds; each replaces draws outside the prior
+MAX_DRAWS_PER_WANTED = 10  # largest number of draws in a round / number of wanted draws
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
     """A proposal draws steps from a mixture, inside the prior.
 
-    `share_inside` is the approximate share of the mixture's draws that are inside the prior, and
-    `typical_log_ratio` the median of log (p/q) over p.
+    `share_inside` is the approximate fraction of the mixture's draws inside the prior, and
+    `typical_log_ratio` the median of log (p/q) for draws of p.
     """
 
     mixture: Mixture
@@ -324,7 +324,7 @@ class Proposal:
     def draw(self, n: int, inside: Inside, random: Random) -> tuple[Array, Array]:
         """Draw `n` points `(n, D)` inside the prior; return them and their log q `(n,)`.
 
-        After `MAX_REDRAWS` rounds some points may be outside; these are never accepted.  Their
+        Points may remain outside after `MAX_REDRAWS` rounds; such points are never accepted.  Their
         number does not depend on the walkers, so the chain stays exact.
         """
         have = 0
@@ -343,7 +343,7 @@ class Proposal:
 
 
 class CachedLogDensity:
-    """A cache keeps the log density of a mixture at the walkers, and updates moved walkers."""
+    """A cache keeps the log density of a mixture at the walkers, and recomputes it if they move."""
 
     def __init__(self, mixture: Mixture) -> None:
         self.mixture = mixture

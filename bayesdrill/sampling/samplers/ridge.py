@@ -1,13 +1,13 @@
 """Define coordinates along a ridge, in which a posterior is nearly Gaussian.
 
-A record determines some directions well (tight) and others hardly (loose).  For each point of the
-loose directions, the ridge has the point of highest density along the tight ones.  With the
-unknowns in a fixed basis, x = (psi, tau) with psi loose and tau tight, the coordinates y are
+A record determines some directions well (tight) and others hardly (loose).  In a fixed basis, the
+unknowns are x = (psi, tau) with psi loose and tau tight.  The ridge t(psi) is the tau of highest
+density at psi.  The coordinates y are
 
     y = (psi, e)        tau = t(psi) + R(psi) e
 
-where t is the ridge and R the Cholesky factor of the covariance of tau given psi, both polynomials
-in psi.  The Jacobian determinant is that of R.
+where R is the Cholesky factor of the covariance of tau given psi.  Polynomials in psi give t and R.
+The Jacobian determinant of x by y is that of R.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 
-RANGE_MARGIN = 0.25  # relative margin of entries of R beyond the range of the fitted points
+RANGE_MARGIN = 0.25  # entries of R may leave their range at fitted points by this fraction of it
 
 
 @dataclass(frozen=True, slots=True)
 class Monomials:
-    """The first of the monomials is 1, and each other is an earlier monomial times a variable.
+    """The first monomial is 1, and each later monomial is an earlier monomial times a variable.
 
-    `products` gives, for all monomials but the first, the indices of these two factors.
+    `products` has the indices of these two factors, for all monomials except the first.
     """
 
     products: tuple[tuple[int, int], ...]
@@ -92,12 +92,12 @@ def local_basis(centre: Array, columns: Array, n_loose: int) -> LocalBasis:
 class RidgeMap:
     """A ridge map describes a ridge by polynomials of the loose directions.
 
-    The coefficients are `location (terms, t)` for t, and `root (terms, t (t + 1) / 2)` for R.  R is
-    given by the logs of its diagonal, and by the entries below it, each divided by the diagonal
-    entry of its column.  The polynomials depend on the components `bent` of psi alone, shifted by
-    `middle` and divided by `width`, so that the points of the fit lie in the unit ball.  Psi
-    outside `reach` times this ball is moved to its surface, because polynomials do not extrapolate.
-    Entries of R are clipped to `ends (2, t (t + 1) / 2)`.
+    With n tight directions, the coefficients are `location (terms, n)` of the ridge t(psi), and
+    `root (terms, n (n + 1) / 2)` of R: of the logs of its diagonal, then of its entries below the
+    diagonal, divided by the diagonal entry of their column.  Only the components `bent` of psi are
+    used, shifted by `middle` and divided by `width`, so that fitted points lie in the unit ball.
+    Points outside radius `reach` are moved to this radius, as polynomials do not extrapolate.
+    Entries of R are clipped to `ends (2, n (n + 1) / 2)`.
     """
 
     frame: LocalBasis
@@ -176,7 +176,7 @@ def fit_ridge(
 ) -> RidgeMap:
     """Fit polynomials to points of a ridge: `psi (N, l)`, `tau (N, t)` and `roots (N, t, t)`.
 
-    The polynomials of t have this `degree`, and those of R at most `root_degree`.  Their variables
+    Polynomials of t have this `degree`, and those of R at most `root_degree`.  Their variables
     are the components `bent` of psi, by default all.  `RidgeMap` explains `reach`.
     """
     bent = np.arange(psi.shape[1]) if bent is None else bent
@@ -216,7 +216,7 @@ def residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
 
 
 def root_residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
-    """Return, for each point, the largest error of the log sd over all tight directions: `(N,)`."""
+    """Return, for each point, the largest error of the log sd of any tight direction: `(N,)`."""
     predicted = np.moveaxis(ridge.along(psi)[1], 2, 0)
     ratio = np.linalg.solve(predicted, roots)
     return np.asarray(np.abs(np.log(np.linalg.svd(ratio, compute_uv=False))).max(axis=1))
