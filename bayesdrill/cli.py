@@ -456,7 +456,7 @@ def campaign(
     seed: Annotated[int | None, option("Random seed; default: the campaign's.", min=0)] = None,
     page: Annotated[
         list[str] | None,
-        option("Make the page of a run, or of all `outliers`; resumes.", metavar="RUN"),
+        option("Write the page of a run, or of all `outliers`; implies --resume.", metavar="RUN"),
     ] = None,
     processes: Processes = None,
     scheduler: Scheduler = None,

@@ -28,8 +28,8 @@ LOCK = ".lock"
 FIGURES = "figures"
 PIECES = ".pieces"
 REFITS = ".refits"
-DRAWS = "draws"  # folder in that of a campaign, with the draws of each run
-PAGES = "pages"  # folder in that of a campaign, with pages of runs
+DRAWS = "draws"  # subfolder of a campaign, with the draws of each run
+PAGES = "pages"  # subfolder of a campaign, with the pages of runs
 RECOMMENDED = "recommended.yaml"  # config that a ladder recommends
 RECORD = "record.csv"  # the record of a case that was built from arrays
 CONFIG_FILE, RESOLVED_FILE = "config.yaml", "config.resolved.yaml"
@@ -422,7 +422,7 @@ def check_guessed(samples: int, columns: int) -> None:
 
 
 def check_chain(ensembles: int, walkers: int, unknowns: int) -> None:
-    """Raise `ValueError`, with a message for the user, if `LEAST_STEPS` would exceed a chain."""
+    """Raise `ValueError`, with a message for the user, if a chain has no room for `LEAST_STEPS`."""
     if steps_of_chain(ensembles, walkers, unknowns) < LEAST_STEPS:
         size = f"{walkers} walkers with {count_noun(unknowns, 'unknown')}"
         many = f"{ensembles} ensembles of {size} are too many"
@@ -436,7 +436,7 @@ def steps_of_chain(ensembles: int, walkers: int, unknowns: int) -> int:
 
 
 def predictive_draws(wanted: int, ensembles: int, numbers: int) -> int:
-    """Return the number of predicted draws per ensemble, at most `wanted`; 0 if too few fit."""
+    """Return how many draws per ensemble are predicted, at most `wanted`; 0 if memory is short."""
     room = MOST_PREDICTED // (ensembles * numbers)
     return wanted if wanted <= room else room if room >= LEAST_PREDICTED else 0
 
