@@ -256,7 +256,7 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
 def write_result(
     job: Job, view: ReportContext, output: Path, record: str | None, *, force: bool
 ) -> Outcome:
-    """Write a run from memory like `run_posterior`; `record` is the text of a fileless record."""
+    """Write a run from memory like `run_posterior`; `record` is the text of a record in memory."""
     check_record(job, output, record)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "force" if force else "fresh", marks, POSTERIOR) as folder:
