@@ -1,7 +1,7 @@
 """Write bayesdrill's files: exact names, atomic writes, JSON with checksums, and limits of size.
 
-All code that replaces or removes files is in this module. It only touches files with these names,
-does not follow links, and removes no folder that contains other files.
+All code that replaces or removes files is in this module. It only touches files that a
+`Kind` lists or a caller names, follows no links, and removes no folder that contains other files.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def preferred_format(formats: Iterable[str]) -> str:
 
 
 def formats_of(stem: str, asked: Sequence[str] | None, *, pdf: bool) -> tuple[str, ...]:
-    """Return a figure's formats: `asked`, or else PNG, and PDF for corner plots; `pdf` adds PDF."""
+    """Return a figure's formats: `asked`, or else PNG (PDF too for corners); `pdf` adds PDF."""
     formats = asked or (DEFAULT_FORMATS if stem in CORNER_PLOTS else ("png",))
     return tuple(dict.fromkeys([*formats, *(["pdf"] if pdf else [])]))
 
