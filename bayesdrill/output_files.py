@@ -86,7 +86,7 @@ def preferred_format(formats: Iterable[str]) -> str:
 
 
 def formats_of(stem: str, asked: Sequence[str] | None, *, pdf: bool) -> tuple[str, ...]:
-    """Return a figure's formats: `asked`, or else PNG (PDF too for corners); `pdf` adds PDF."""
+    """Return a figure's formats: `asked`, or else PNG (corner plots: also PDF); `pdf` adds PDF."""
     formats = asked or (DEFAULT_FORMATS if stem in CORNER_PLOTS else ("png",))
     return tuple(dict.fromkeys([*formats, *(["pdf"] if pdf else [])]))
 
