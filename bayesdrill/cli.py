@@ -503,7 +503,7 @@ def simulate(
     output: Annotated[
         Path | None, output_option("Default: the record that the config names.")
     ] = None,
-    seed: Annotated[int | None, option("Seed of the noise; default: the config's.", min=0)] = None,
+    seed: Annotated[int | None, option("Random seed; default: the config's.", min=0)] = None,
     force: Annotated[bool, option("Overwrite simulated records.", "--force")] = False,
 ) -> None:
     """Simulate the record of a config or all records of a campaign: response plus noise, as CSV."""
