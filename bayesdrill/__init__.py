@@ -3,7 +3,7 @@
     import bayesdrill as bd
 
     case = bd.load("configs/nominal_step.yaml")     # or bd.case(...), from arrays
-    case.identify()                                 # what this record can show
+    case.identify()                                 # what this record can determine
     run = case.sample(case.find_map(), seed=1)
     run.judge(); run.plot_corner(); run.to_arviz()
     run.save("results/mine"); bd.open("results/mine")
@@ -11,9 +11,9 @@
     bd.compare(["results/mine", run])               # the more probable of two models of one record
 
 The commands on files and folders are functions too: `bd.init`, `bd.example`, `bd.simulate`,
-`case.run`, `bd.publish`, `bd.calibration`, `bd.ladder`, `bd.campaign`, `bd.citation`.  Only these and
-the `save` methods write files.  Results are immutable, and `print` shows them.  `help(bd.Case)`
-explains the usual order of work.
+`case.run`, `bd.publish`, `bd.calibration`, `bd.ladder`, `bd.campaign`, `bd.citation`.  Only these
+and methods with a path as argument write files.  Results are immutable, and `print` shows them.
+`help(bd.Case)` explains the usual order of work.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.train import Train as Train
     from bayesdrill.tasks.identify import Findings as Findings
 
-# SciPy's transforms fail if one of these is no number of threads, so such a value is removed.
+# SciPy's Fourier transforms fail if one of these variables is no number of threads.
 for _name in ("OMP_NUM_THREADS", "DUCC0_NUM_THREADS"):
     if not re.fullmatch(r"\s*\+?\d{1,9}\s*", os.environ.get(_name, "1")):
         del os.environ[_name]
@@ -73,7 +73,7 @@ __version__ = "0.1.0"
 
 __all__ = ["__version__", *public_names(__name__)]
 
-__getattr__ = lazy_attributes(__name__)  # so that the command line answers before NumPy is loaded
+__getattr__ = lazy_attributes(__name__)  # so that `bayesdrill --help` does not load NumPy
 
 
 def __dir__() -> list[str]:

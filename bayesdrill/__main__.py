@@ -1,4 +1,4 @@
-"""`python -m bayesdrill`, and the command `bayesdrill`."""
+"""Start the command line, as `python -m bayesdrill` or as the command `bayesdrill`."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from bayesdrill.basics.errors import short_of_memory
 
 def main() -> None:
     """Run the command line."""
-    sys.modules["dask"] = None  # type: ignore[assignment]  # xarray would load it, for half a second
-    atexit.register(gc.freeze)  # at its end the process goes as a whole: no search for cycles
-    # Before a command begins there is nothing to save or to say: Ctrl-C just ends the process.
+    sys.modules["dask"] = None  # type: ignore[assignment]  # spares xarray an import of 0.5 s
+    atexit.register(gc.freeze)  # no search for reference cycles when the process ends
+    # Until a command begins there is nothing to save or report, so Ctrl-C simply ends the process.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         from bayesdrill.cli import main as run
 
         run()
-    except (MemoryError, ImportError) as error:  # of a command itself `guard` tells
+    except (MemoryError, ImportError) as error:  # `guard` reports errors of commands
         if not short_of_memory(error):
             raise
-        sys.stderr.write("out of memory before anything began; end other programs\n")
+        sys.stderr.write("out of memory before the command began; close other programs\n")
         sys.exit(2)
 
 

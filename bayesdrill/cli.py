@@ -1,4 +1,4 @@
-"""Parse the command line, call the API and print; `guard` sets the exit status."""
+"""Parse the command line, call the API and print the result; `guard` sets the exit status."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_
 
 
 class _Guarded(TyperGroup):
-    """Run all commands; any mistake, also in help and version, ends with a message and a status."""
+    """Run all commands; any error, also in `--help`, ends with a message and an exit status."""
 
     def make_context(self, *arguments: Any, **named: Any) -> Any:
         with guarded():
@@ -41,26 +41,26 @@ app = typer.Typer(
 
 
 def option(text: str, *names: str, **more: Any) -> Any:
-    """Return an option with a help text; without names it is called after its argument."""
-    return typer.Option(*names, help=text.replace("[", r"\["), **more)  # a unit is no markup
+    """Return an option with a help text; by default it has the name of the Python argument."""
+    return typer.Option(*names, help=text.replace("[", r"\["), **more)  # [s] would be markup
 
 
 def folder_argument(text: str, metavar: str = "FOLDER") -> Any:
-    """Return an argument that names files or folders, with a help text."""
+    """Return a positional argument for files or folders, with a help text."""
     return typer.Argument(metavar=metavar, help=text)
 
 
 def output_option(text: str) -> Any:
-    """Return the option for the place of results, with a help text."""
+    """Return the option `--output` for a file or folder of results, with a help text."""
     return option(text, "--output", "-o")
 
 
 ConfigPath = Annotated[Path, folder_argument("Experiment config (YAML).", "CONFIG")]
-CampaignPath = Annotated[Path, folder_argument("File of a campaign (YAML).", "CAMPAIGN")]
+CampaignPath = Annotated[Path, folder_argument("Campaign file (YAML).", "CAMPAIGN")]
 Force = Annotated[bool, option("Discard existing results and start over.", "--force")]
 Scheduler = Annotated[
     str | None,
-    option("The scheduler of a Dask cluster, such as tcp://host:8786.", metavar="ADDRESS"),
+    option("Address of a Dask scheduler, such as tcp://host:8786.", metavar="ADDRESS"),
 ]
 Processes = Annotated[
     int | None, option("Number of processes; the result does not depend on it.", min=1, max=256)
@@ -80,7 +80,7 @@ def _tell_version(wanted: bool) -> None:
 
 
 def _read(config: Path, read: str = "load", **more: Any) -> Any:
-    """Read a config by a function of the package; a terminal says so first, as libraries load."""
+    """Read a config with the API function `read`; on a terminal, show this while libraries load."""
     watched = sys.stderr is not None and sys.stderr.isatty()
     with reporter() if watched else nullcontext(SILENT) as report:
         report.update(0.0, f"reading {config}")
@@ -90,22 +90,22 @@ def _read(config: Path, read: str = "load", **more: Any) -> Any:
 def _run(read: str, config: Path, output: Path | None, /, given: Any = None, **options: Any) -> Any:
     """Run a case, a calibration, a ladder or a campaign; if that fails, say how to continue.
 
-    `given`: further arguments of the function that reads it.
+    `given` has further arguments of the API function `read`, which reads the file.
     """
     if options["resume"] and options["force"]:
         from bayesdrill.api.arguments import mode
 
-        mode(resume=True, force=True)  # refuses, before the record is read
+        mode(resume=True, force=True)  # raises an error before the record is read
     if (options["processes"] or available_processors()) > 1:
-        with suppress(OSError):  # the pool of workers tells of it
-            start_server()  # it loads libraries while this process reads
+        with suppress(OSError):  # the pool of workers reports the error
+            start_server()  # the server loads libraries while this process reads
     case = _read(config, read, **(given or {}))
     with saved_in(case.place(output)), reporter() as report:
         return case.run(output, report=report, **options)
 
 
 def _compare(form: str, folders: list[Path], output: Path | None, *, force: bool) -> None:
-    """Compare runs, as an overlay or as models; `form` names table and page."""
+    """Compare runs; `form` is `overlay` or `comparison`, and also the stem of the tables' files."""
     from bayesdrill.api import comparison
 
     path = comparison.check_folder(form, folders, output, force=force)
@@ -116,7 +116,7 @@ def _compare(form: str, folders: list[Path], output: Path | None, *, force: bool
 
 
 def _end(text: str, folder: Path, files: str, *, good: bool) -> None:
-    """Print what was found and where it is, and set the exit status."""
+    """Print the result and its folder, and set the exit status."""
     say(text)
     say(f"results: {folder}/ ({files})")
     if not good:
@@ -137,11 +137,11 @@ def _top(
 
 @command("example my_rig")
 def example(
-    folder: Annotated[Path, folder_argument("Folder; nothing in it is overwritten.")] = Path(
+    folder: Annotated[Path, folder_argument("Folder for the files; none is overwritten.")] = Path(
         "configs"
     ),
 ) -> None:
-    """Write the bundled configs and records into a folder, to begin with."""
+    """Write the example configs and records of the package into a folder."""
     say(str(bd.example(folder)))
 
 
@@ -149,11 +149,11 @@ def example(
 def init(
     records: Annotated[list[Path], folder_argument("Files of the record.", "RECORD...")],
     output: Annotated[
-        Path | None, output_option("The config; default: next to the record.")
+        Path | None, output_option("The new config; default: next to the record.")
     ] = None,
     voltage: Annotated[
         float | None,
-        option("The supply voltage, if it is constant and in no column.", metavar="VOLTS"),
+        option("The supply voltage, if it is constant and not recorded.", metavar="VOLTS"),
     ] = None,
     gear: Annotated[
         float | None, option("The reduction N of a gear N:1 between motor and shaft.", metavar="N")
@@ -161,20 +161,20 @@ def init(
     rig: Annotated[str, option("The kind of rig.", metavar="NAME")] = "motor_shaft",
     columns: Annotated[
         list[str] | None,
-        option('The columns to use, such as "data:3=theta_2 [deg]".', metavar="COLUMN=WHAT"),
+        option('A column and its quantity, such as "data:3=theta_2 [deg]".', metavar="COLUMN=WHAT"),
     ] = None,
     rate: Annotated[
-        float | None, option("The sampling rate, if no column is a time.", metavar="HZ")
+        float | None, option("The sampling rate, if no column has the time.", metavar="HZ")
     ] = None,
     sheet: Annotated[
-        Path | None, option("A data sheet: entries of `nominal:`.", metavar="YAML")
+        Path | None, option("A data sheet: a file with entries of `nominal:`.", metavar="YAML")
     ] = None,
     split: Annotated[
-        bool, option("Begin a new record where the time decreases.", "--split")
+        bool, option("Begin a new record wherever the time decreases.", "--split")
     ] = False,
-    force: Annotated[bool, option("Overwrite a config.", "--force")] = False,
+    force: Annotated[bool, option("Overwrite an existing config.", "--force")] = False,
 ) -> None:
-    """Write a first config for records, in which each guess is marked and has its reason."""
+    """Write a first config for records; each guess in the config is marked, with its reason."""
     known: dict[str, Any] = {"voltage": voltage, "gear": gear, "rate": rate, "sheet": sheet}
     known |= {"split": split, "force": force}
     say(str(bd.init(records, output, rig=rig, columns=columns or (), **known)))
@@ -184,13 +184,13 @@ def init(
 def check(
     config: ConfigPath,
     figure: Annotated[
-        Path | None, option("Draw the rig into this .pdf, .png or .svg.", metavar="FILE")
+        Path | None, option("Draw the rig into this .pdf, .png or .svg file.", metavar="FILE")
     ] = None,
     figure_record: Annotated[
-        Path | None, option("Draw the record over time into such a file.", metavar="FILE")
+        Path | None, option("Draw the record over time into this file.", metavar="FILE")
     ] = None,
 ) -> None:
-    """Validate a config and its record, or a campaign, and describe the run; samples nothing."""
+    """Validate a config and its record, or a campaign, and describe the run, without sampling."""
     from bayesdrill.api.campaign import is_campaign
 
     if is_campaign(config):
@@ -213,11 +213,11 @@ def identify(
     config: ConfigPath,
     profile: Annotated[
         list[str] | None,
-        option("Profile likelihood of a parameter, or of `all`.", "--profile", metavar="NAME"),
+        option("Compute the profile of a parameter, or of `all`.", "--profile", metavar="NAME"),
     ] = None,
     at_map: Annotated[
         bool,
-        option("Evaluate at the MAP, which is searched first; default: at the start.", "--at-map"),
+        option("Search the MAP, and evaluate there; default: at the start values.", "--at-map"),
     ] = False,
     output: Annotated[
         Path | None, output_option("Folder for text and figures; default: print only.")
@@ -227,7 +227,7 @@ def identify(
     ] = False,
     processes: Processes = None,
 ) -> None:
-    """Predict what a record can and cannot determine, and what would help; samples nothing."""
+    """Predict what a record can and cannot determine, and what would help, without sampling."""
     case = _read(config)
     if output is not None:
         case.check_place(output, force=force)
@@ -254,43 +254,44 @@ def design(
     tell: Annotated[
         Path | None,
         option(
-            "Another config, whose model the experiment is to distinguish from this one.",
+            "A second config; the experiment is to distinguish its model from that of the first.",
             metavar="CONFIG",
         ),
     ] = None,
-    drive: Annotated[
-        str | None, option("The input that is driven.", "--input", metavar="NAME")
-    ] = None,
-    low: Annotated[float | None, option("Lowest level, SI; default: that of the record.")] = None,
-    high: Annotated[float | None, option("Highest level, SI; default: that of the record.")] = None,
+    drive: Annotated[str | None, option("The input to design.", "--input", metavar="NAME")] = None,
+    low: Annotated[float | None, option("Lowest level, SI; default: the record's, or 0.")] = None,
+    high: Annotated[float | None, option("Highest level, SI; default: the record's, or 0.")] = None,
     hold: Annotated[
-        float | None, option("Time of each level [s]; default: a 40th of the duration.")
+        float | None, option("Duration of a level [s]; default: 1/40 of the total.")
     ] = None,
-    duration: Annotated[float | None, option("Duration [s]; default: that of the record.")] = None,
+    duration: Annotated[float | None, option("Total duration [s]; default: the record's.")] = None,
     rate: Annotated[
         float | None, option("Sampling rate [Hz]; default: that of the record.")
     ] = None,
-    slew: Annotated[float | None, option("Largest change of the source, SI per s.")] = None,
+    slew: Annotated[float | None, option("Largest rate of change, SI per s.")] = None,
     limit: Annotated[
         list[str] | None,
         option(
-            "Limits of a formula of states, SI, such as w_2=0: or 'integral(r_m*i**2)=:50'.",
+            "Limits of a formula (SI), such as w_2=0: or 'integral(r_m*i**2)=:50'.",
             metavar="FORMULA=LOW:HIGH",
         ),
     ] = None,
     family: Annotated[
-        str | None, option("free, step, prbs, chirp, multisine, steps or coast.", metavar="NAME")
+        str | None,
+        option(
+            "Kind of waveform: free, step, prbs, chirp, multisine, steps or coast.", metavar="NAME"
+        ),
     ] = None,
-    experiments: Annotated[int, option("The number of coming experiments.", min=1, max=9)] = 1,
+    experiments: Annotated[int, option("The number of experiments to design.", min=1, max=9)] = 1,
     draws: Annotated[
-        int, option("Draws of prior or posterior over which the design is averaged.", min=1, max=64)
+        int, option("Number of draws over which the design is averaged.", min=1, max=64)
     ] = 8,
     output: Annotated[
         Path | None, output_option("Folder for waveform, config and figure; default: print only.")
     ] = None,
-    force: Annotated[bool, option("Overwrite a design.", "--force")] = False,
+    force: Annotated[bool, option("Overwrite an earlier design.", "--force")] = False,
 ) -> None:
-    """Design the next experiment: the best waveform within limits, and the sds that it promises."""
+    """Design the next experiment: the best waveform within limits, and the sds to expect."""
     planner = bd.open(source) if source.is_dir() else _read(source)
     if output is not None:
         planner.check_design_place(output, force=force)
@@ -320,7 +321,7 @@ def map_(
     ] = False,
     apply: Annotated[
         Path | None,
-        option("Write the config with the recommended lines.", "--apply", metavar="NEW"),
+        option("Write a new config with the recommended lines.", "--apply", metavar="NEW"),
     ] = None,
     processes: Processes = None,
 ) -> None:
@@ -365,7 +366,7 @@ def posterior(
     processes: Processes = None,
     verbose: Annotated[bool, option("Print the whole report.", "--verbose")] = False,
 ) -> None:
-    """Search the MAP, sample the posterior, and make diagnostics, tables and figures: the main job."""
+    """Search the MAP, sample the posterior, and write diagnostics, tables and figures."""
     options = {"resume": resume, "force": force, "processes": processes, "verbose": verbose}
     finish(_run("load", config, output, **options), verbose=verbose)
 
@@ -381,7 +382,7 @@ def calibrate(
     processes: Processes = None,
     scheduler: Scheduler = None,
 ) -> None:
-    """Test the posterior of a config: refit simulated records, and rank the true values."""
+    """Test the posterior of a config: refit simulated records, and rank true values among draws."""
     options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
     done = _run("calibration", config, output, **options)
     files = "report.html, summary.md, figures/, ranks.csv"
@@ -403,7 +404,7 @@ def report(
     ] = False,
     processes: Processes = None,
 ) -> None:
-    """Make tables and figures again from a stored chain, or overlay several runs."""
+    """Make the tables and figures of a stored chain again, or overlay several runs."""
     if len(folders) > 1:
         _compare("overlay", folders, output, force=force)
         return
@@ -423,7 +424,7 @@ def compare(
     output: Annotated[Path | None, output_option("Default: results/compare-<name>-<name>.")] = None,
     force: Force = False,
 ) -> None:
-    """Say which model of a record is more probable, and whether rig or noise makes the difference."""
+    """Say which model of a record is more probable, and whether rig or noise makes a difference."""
     _compare("comparison", folders, output, force=force)
 
 
@@ -431,15 +432,13 @@ def compare(
 def ladder(
     config: ConfigPath,
     output: Annotated[Path | None, output_option("Default: results/<name>-ladder.")] = None,
-    sample: Annotated[
-        int, option("The number of candidates to sample, the best first.", min=2, max=9)
-    ] = 2,
+    sample: Annotated[int, option("The number of best candidates to sample.", min=2, max=9)] = 2,
     resume: Annotated[bool, option("Continue an interrupted ladder.", "--resume")] = False,
     force: Force = False,
     processes: Processes = None,
     scheduler: Scheduler = None,
 ) -> None:
-    """Rank what a config may be missing, sample the best candidates, compare, and recommend a config."""
+    """Rank possible changes of a config, sample and compare the best, and recommend a config."""
     options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
     done = _run("ladder", config, output, {"sample": sample}, **options)
     files = "report.html, comparison.md, recommended.yaml, ..."
@@ -454,10 +453,10 @@ def campaign(
         bool, option("Continue an interrupted campaign, or add new runs.", "--resume")
     ] = False,
     force: Force = False,
-    seed: Annotated[int | None, option("Default: the campaign's.", min=0)] = None,
+    seed: Annotated[int | None, option("Random seed; default: the campaign's.", min=0)] = None,
     page: Annotated[
         list[str] | None,
-        option("Make the page of a run, or of all `outliers`, and continue.", metavar="RUN"),
+        option("Write the page of a run, or of all `outliers`; implies --resume.", metavar="RUN"),
     ] = None,
     processes: Processes = None,
     scheduler: Scheduler = None,
@@ -475,9 +474,9 @@ def watch(
     campaign: CampaignPath,
     output: Annotated[Path | None, output_option("Default: results/<name>.")] = None,
     once: Annotated[
-        bool, option("Look once and stop, as a timer of the system needs.", "--once")
+        bool, option("Check for new files once and stop, such as for cron.", "--once")
     ] = False,
-    interval: Annotated[float, option("Seconds from one look to the next.", min=0.1)] = 10.0,
+    interval: Annotated[float, option("Seconds between two checks for new files.", min=0.1)] = 10.0,
     processes: Processes = None,
     scheduler: Scheduler = None,
 ) -> None:
@@ -504,10 +503,10 @@ def simulate(
     output: Annotated[
         Path | None, output_option("Default: the record that the config names.")
     ] = None,
-    seed: Annotated[int | None, option("Default: the config's.", min=0)] = None,
+    seed: Annotated[int | None, option("Random seed; default: the config's.", min=0)] = None,
     force: Annotated[bool, option("Overwrite simulated records.", "--force")] = False,
 ) -> None:
-    """Simulate the record of a config, or all records of a campaign: response plus noise, as CSV."""
+    """Simulate the record of a config or all records of a campaign: response plus noise, as CSV."""
     simulated = bd.simulate(config, output, seed=seed, force=force)
     say(simulated.said)
 
@@ -528,13 +527,13 @@ def export(
     folder: Annotated[Path, folder_argument("Folder of a finished run.")],
     to: Annotated[
         Literal["json", "mjcf", "dcmotor"],
-        option("JSON, MJCF for MuJoCo, or MJCF with its motors (MuJoCo 3.5 and newer).", "--to"),
+        option("JSON, MJCF (MuJoCo), or MJCF with MuJoCo's own motors (3.5 and newer).", "--to"),
     ],
-    output: Annotated[Path | None, output_option("Default: print it.")] = None,
-    draws: Annotated[int, option("The most draws of the posterior.", min=2, max=100_000)] = 100,
-    force: Annotated[bool, option("Overwrite a file.", "--force")] = False,
+    output: Annotated[Path | None, output_option("Default: print to stdout.")] = None,
+    draws: Annotated[int, option("Upper limit of posterior draws.", min=2, max=100_000)] = 100,
+    force: Annotated[bool, option("Overwrite an existing file.", "--force")] = False,
 ) -> None:
-    """Write the rig for simulators: armatures, damping and friction, with their spread and draws."""
+    """Export the rig to simulators: armatures, damping and friction, with their sds and draws."""
     text = bd.export(folder, to, output, draws=draws, force=force)
     typer.echo(text if output is None else f"{output}: written", nl=output is not None)
 
@@ -547,16 +546,16 @@ def cite() -> None:
 
 @command("cache --clear")
 def cache(clear: Annotated[bool, option("Remove all kernels.", "--clear")] = False) -> None:
-    """Print where compiled kernels are kept for later commands, and their size."""
+    """Print the folder of compiled kernels, which later commands use again, and its size."""
     from bayesdrill.api import files
 
     say(files.cache(clear=clear))
 
 
 def main() -> None:
-    """Run the command that the arguments of the process name."""
+    """Run the command in the arguments of this process."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # names of files may not be valid text
+        if isinstance(stream, io.TextIOWrapper):  # file names may not be valid Unicode
             stream.reconfigure(errors="backslashreplace")
     command = typer.main.get_command(app)
     for option in command.params:

@@ -1,7 +1,7 @@
-"""Turn mistakes of any command into a message and an exit status.
+"""Turn the errors of all commands into messages and exit statuses.
 
-Exit status: 0 done (and converged); 2 wrong input, a full disk or memory, or a missing output; 3 not
-converged, not to be believed or not calibrated; 130 interrupted.
+Exit status: 0 done (and converged); 2 wrong input, a full disk, too little memory, or a
+missing output; 3 not converged, not to be believed or not calibrated; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ from bayesdrill.basics.registry import blamed_package
 INPUT_WRONG = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130
-MOST_PROBLEMS = 15  # mistakes that are listed
-LONGEST_LINE = 400  # characters of a message
-LEAST_MEMORY = 512 * 1024**2  # bytes that the libraries alone occupy
+MOST_PROBLEMS = 15  # upper limit of listed input errors
+LONGEST_LINE = 400  # upper limit of the characters of a message
+LEAST_MEMORY = 512 * 1024**2  # bytes; the libraries alone occupy this much
 STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
 KILLED = "a worker process was killed (out of memory?); fewer --processes need less"
 
 
 @contextmanager
 def guarded() -> Iterator[None]:
-    """End a command after a mistake, a full disk, a killed worker or Ctrl-C with message and status."""
+    """End a command with message and exit status after any expected error or Ctrl-C."""
     try:
         # Some libraries end the process without a message if they cannot be loaded.
         mmap.mmap(-1, LEAST_MEMORY).close()
         if sys.flags.optimize > 1:
-            message = "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
+            message = "python -OO removes docstrings that ArviZ needs; start Python without -OO"
             raise InputError.at("", message)
         with _interruptible(), never_silent():
             yield
@@ -57,7 +57,7 @@ def guarded() -> Iterator[None]:
     except typer.Exit:
         raise
     except (Exception, SystemExit) as error:
-        # The reader of stdout has gone; typer's help ends the process then.
+        # The reader of stdout has closed it. Typer's help then raises `SystemExit`.
         if BrokenPipeError in (type(error), type(error.__context__)):
             _drop_unwritten()
             raise typer.Exit(0) from None
@@ -80,7 +80,7 @@ def guarded() -> Iterator[None]:
 
 
 def _drop_unwritten() -> None:
-    """Redirect a closed stdout to null, as Python would otherwise fail at exit when it flushes."""
+    """Redirect a closed stdout to null, since Python would fail when it flushes stdout at exit."""
     try:
         sys.stdout.flush()
     except (OSError, AttributeError):  # stdout is None if it was closed from the beginning
@@ -93,27 +93,27 @@ def say(text: str, *, err: bool = False) -> None:
 
 
 def finish(outcome: Any, *, verbose: bool = False) -> None:
-    """Print the `outcome` of a run by `tasks.pipeline` and its folder, and set the exit status."""
+    """Print an `outcome` of `tasks.pipeline` with its folder, and set the exit status."""
     say(outcome.details if verbose else outcome.summary)
     say(f"results: {outcome.folder}/ (report.html, summary.md, figures/, posterior.nc, chain.h5)")
     for file in outcome.missing:
         say(f"could not be made: {file}", err=True)
     if outcome.missing:
         command = f"`bayesdrill report {outcome.folder}`"
-        say(f"everything else is written; once this is corrected, {command} makes it", err=True)
+        say(f"everything else is written; correct this, then {command} makes the rest", err=True)
     if outcome.reasons:
         raise typer.Exit(NOT_CONVERGED)
     if outcome.missing:
         raise typer.Exit(INPUT_WRONG)
 
 
-# Seconds without output after which a line is printed. It is checked every second, so that no command
-# is silent for 10 s.
+# Seconds without output after which a line is printed. A check every `SILENCE / 10` keeps commands
+# from being silent for 10 s.
 SILENCE = 8.0
 
 
 class _Watched:
-    """The stream records when something was last written to it."""
+    """A watched stream stores the time of its last output."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream, self.written = stream, time.monotonic()
@@ -155,10 +155,10 @@ def never_silent(silence: float = SILENCE) -> Iterator[None]:
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Raise `KeyboardInterrupt` at the first Ctrl-C, SIGTERM or SIGHUP; ignore further ones.
+    """Raise `KeyboardInterrupt` at the first Ctrl-C, SIGTERM or SIGHUP; ignore further signals.
 
-    A second one would stop the clean-up. Signals that were ignored before (nohup) still are. Python
-    discards what is raised while an object is deleted; such a signal is raised again a moment later.
+    A second signal would stop the clean-up. Signals that were ignored before (nohup) stay ignored.
+    Python discards exceptions inside `__del__`; such a signal is sent again 0.01 s later.
     """
     numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
@@ -193,7 +193,7 @@ def _interruptible() -> Iterator[None]:
 
 @contextmanager
 def saved_in(folder: Path, way_out: str = "go on with --resume") -> Iterator[None]:
-    """Report where a disk or a worker failed during a run, and how to continue it."""
+    """Report the path at which a disk or a worker failed, and how to continue the run."""
     try:
         yield
     except BrokenPipeError:
@@ -208,11 +208,11 @@ def saved_in(folder: Path, way_out: str = "go on with --resume") -> Iterator[Non
 
 
 def _reason(error: OSError) -> str:
-    # HDF5 puts a page of its own into `strerror`.
+    # `error.strerror` is no short text for errors of HDF5.
     return f"cannot be written or read: {os.strerror(error.errno) if error.errno else error}"
 
 
 def _tell(text: str) -> None:
-    """Print one line on stderr; if it is full or closed, the exit status has to do."""
+    """Print one line on stderr; if stderr is full or closed, the exit status has to suffice."""
     with suppress(OSError):
         say(errors.shortened(text.replace("\n", " "), LONGEST_LINE), err=True)

@@ -1,7 +1,7 @@
 """Write bayesdrill's files: exact names, atomic writes, JSON with checksums, and limits of size.
 
-Everything that replaces or removes a file is here. It touches no file of another name, nothing behind a
-link, and no folder that contains other files.
+All code that replaces or removes files is in this module. It only touches files that a
+`Kind` lists or a caller names, follows no links, and removes no folder that contains other files.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from typing import Any
 from bayesdrill.basics.errors import InputError, Issue, count_noun, encodable
 from bayesdrill.basics.registry import Registry
 
-RUN = "run.json"  # names the job that the folder belongs to
+RUN = "run.json"  # contains the name of the command that wrote the folder
 LOCK = ".lock"
 FIGURES = "figures"
 PIECES = ".pieces"
 REFITS = ".refits"
-DRAWS = "draws"  # of a campaign
-PAGES = "pages"  # of its runs
-RECOMMENDED = "recommended.yaml"  # of a ladder
+DRAWS = "draws"  # subfolder of a campaign, with the draws of each run
+PAGES = "pages"  # subfolder of a campaign, with the pages of runs
+RECOMMENDED = "recommended.yaml"  # config that a ladder recommends
 RECORD = "record.csv"  # the record of a case that was built from arrays
 CONFIG_FILE, RESOLVED_FILE = "config.yaml", "config.resolved.yaml"
 CONFIGS = (CONFIG_FILE, RESOLVED_FILE)
@@ -41,10 +41,10 @@ MADE_ANEW = "make them anew with --force, or give another --output"
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind lists the files that `bayesdrill <job>` writes into its folder; `#` stands for a number.
+    """A kind of results lists the files that `bayesdrill <job>` writes; `#` stands for a number.
 
-    `mark` identifies the folder and is never removed; `nested` are folders of further runs;
-    `continue_hint` is the advice if results exist. No later run removes `kept_files`.
+    The file `mark` identifies the folder; `nested` are folders of further runs; `continue_hint` is
+    the advice if results already exist. No later run removes `kept_files`.
     """
 
     job: str
@@ -56,16 +56,16 @@ class Kind:
 
     @property
     def folders(self) -> tuple[str, ...]:
-        """Return the folders inside the run's folder."""
+        """Return the names of folders inside the run's folder."""
         return (*{name.split("/")[0]: None for name in self.files if "/" in name}, *self.nested)
 
     def is_output(self, name: str) -> bool:
-        """Return whether such a run writes a file of this name."""
+        """Return whether a run of this kind writes a file of this name."""
         return _matches(name, (self.mark, *self.files, *self.kept_files))
 
 
 def numbered[T](stem: str, items: Sequence[T]) -> dict[str, T]:
-    """Return items by file stem: a single one has the plain stem, several are numbered."""
+    """Return items by file stem: a single item has the plain stem, several items are numbered."""
     if len(items) == 1:
         return {stem: items[0]}
     return {f"{stem}_{k}": item for k, item in enumerate(items, start=1)}
@@ -81,35 +81,35 @@ def figure_files(*stems: str, formats: Iterable[str] = DEFAULT_FORMATS) -> tuple
 
 
 def preferred_format(formats: Iterable[str]) -> str:
-    """Return the format that a page shows best."""
+    """Return the format that HTML and Markdown pages show best."""
     return min(formats, key=("png", "svg", "pdf").index)
 
 
 def formats_of(stem: str, asked: Sequence[str] | None, *, pdf: bool) -> tuple[str, ...]:
-    """Return a figure's formats: those `asked` for, or PNG, and PDF of corner plots; `pdf` adds PDF."""
+    """Return a figure's formats: `asked`, or else PNG (corner plots: also PDF); `pdf` adds PDF."""
     formats = asked or (DEFAULT_FORMATS if stem in CORNER_PLOTS else ("png",))
     return tuple(dict.fromkeys([*formats, *(["pdf"] if pdf else [])]))
 
 
 UNFINISHED = Kind("posterior", (f"{PIECES}/ensemble_#_#.h5",))
 
-# The files from which a report is made, beside the config with all defaults.
+# Files from which a report is made, in addition to the config with all defaults.
 REPORT_SOURCES = Kind("posterior", ("chain.h5", "map.json", CONFIG_FILE, *UNFINISHED.files))
 
 
-# Figures of a run; those on request are drawn only if a config names them.
+# Figures of a run; those of `ON_REQUEST` are drawn only if a config names them.
 USUALLY_DRAWN = (
     "rig",  # if the config describes the rig
     *("corner", "invariants", "ridge", "trace", "prior_posterior", "friction", "torque"),
-    "residuals",  # if more than noise remains, or by name
-    "fit",  # last, as its draws take a while
+    "residuals",  # if residuals are more than noise, or if a config names the figure
+    "fit",  # last, since predictions of many draws take time
 )
 ON_REQUEST = ("rank", "autocorrelation", "predictive_check", "frequency_response")
 OWN_FIGURES = USUALLY_DRAWN + ON_REQUEST
 CORNER_PLOTS = ("corner", "invariants")
-# Figures of draws alone, which are drawn while a run is analysed.
+# Figures that need no analysis, so they are drawn while a run is analysed.
 FROM_DRAWS = ("rig", "corner", "trace", "prior_posterior")
-# Figures that are drawn for each of several experiments.
+# Figures that are drawn once for each experiment.
 PER_EXPERIMENT = ("fit", "friction", "torque", "residuals", "frequency_response")
 RUN_FIGURES: Registry[str] = Registry("figure", dict.fromkeys(OWN_FIGURES, ""))
 # Files of older versions, which a report or --force removes.
@@ -125,7 +125,7 @@ POSTERIOR = Kind(
         *figure_files(*RUN_FIGURES, *(f"{stem}_#" for stem in PER_EXPERIMENT), formats=FORMATS),
         *UNFINISHED.files,
     ),
-    kept_files=(RECORD,),  # a run may start over from the config in this folder
+    kept_files=(RECORD,),  # needed if a run starts over from the config in this folder
 )
 CALIBRATE = Kind(
     "calibrate",
@@ -180,13 +180,13 @@ LADDER = Kind(  # models of one record, each with a posterior in its own folder
 
 
 def output_names(folder: Path, kind: Kind) -> list[str]:
-    """Return the names in `folder` that belong to this kind, whatever is stored under them."""
+    """Return entries of `folder` with names of this kind, also links; `kept_files` are skipped."""
     names = _names(folder, ("", *kind.folders))
     return [name for name in names if kind.is_output(name) and not _matches(name, kind.kept_files)]
 
 
 def misplaced_paths(folder: Path, kind: Kind) -> list[Issue]:
-    """Return an issue for anything else in the place of a run's file or folder."""
+    """Return an issue for each name of a run's file or folder that stands for something else."""
     files = dict.fromkeys((LOCK, *output_names(folder, kind)), ("a file", "which no run writes"))
     folders = dict.fromkeys(kind.folders, ("a folder", "where a run has a folder of its own"))
     return [
@@ -202,7 +202,7 @@ def _files(folder: Path, kind: Kind) -> list[str]:
 
 
 def remove_outputs(folder: Path, kind: Kind) -> None:
-    """Remove a run's files, all but its mark; then its folders, if they are empty."""
+    """Remove a run's files except its mark, then its folders if they are empty."""
     for name in {*_files(folder, kind)} - {kind.mark}:
         (folder / name).unlink()
     for name in kind.folders:
@@ -213,7 +213,7 @@ def remove_outputs(folder: Path, kind: Kind) -> None:
 
 @contextmanager
 def renewed(folder: Path, kind: Kind) -> Iterator[None]:
-    """Remove a run's files; those that the block writes again get their former mode bits."""
+    """Remove a run's files; files that the block writes again get their former mode bits."""
     before = {name: (folder / name).lstat().st_mode for name in _files(folder, kind)}
     remove_outputs(folder, kind)
     try:
@@ -244,9 +244,9 @@ def digest(path: Path) -> str:
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """Yield a temporary path that replaces `path`, with its mode bits, if the block succeeds."""
+    """Yield a temporary path; after a success, this file replaces `path` and gets its mode bits."""
     refuse_other_than_file(path)
-    # The name is unique to this thread, and so to this process.
+    # No other thread of any process has this number, so the name is unique.
     aside = path.with_name(f".{path.stem}.{threading.get_native_id()}.aside{path.suffix}")
     try:
         yield aside
@@ -263,7 +263,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 def write(path: Path, content: bytes) -> None:
-    """Write a whole file from memory, as libraries that write themselves fail badly on a full disk."""
+    """Write a file from memory; libraries that write files themselves fail badly on a full disk."""
     with atomic_write(path) as aside:
         aside.write_bytes(content)
 
@@ -281,16 +281,16 @@ def refuse_other_than_file(path: Path) -> None:
 
 
 def refuse_replacing(read: Iterable[Path], written: Iterable[Path]) -> None:
-    """Raise `InputError` if a command would replace a file that it reads, under any name."""
+    """Raise `InputError` if a path of `written` is one of the files `read`, also through a link."""
     files = [path for path in read if path.is_file()]
     for path in written:
         if path.exists() and any(path.samefile(other) for other in files):
-            message = "is read by this command, or named by its config, and never replaced"
+            message = "is read by this command, or named by its config, and is never replaced"
             raise InputError.at(str(path), f"{message}; give another --output")
 
 
 def refuse_existing(path: Path, read: Iterable[Path] = (), *, force: bool) -> None:
-    """Raise `InputError` if a file exists, unless `force` is given, or if it is one of those `read`."""
+    """Raise `InputError` if a file is one of those `read`, or exists while `force` is false."""
     refuse_replacing(read, [path])
     if path.exists() and not force:
         raise InputError.at(str(path), "exists already; give --force or another --output")
@@ -302,7 +302,7 @@ def refuse_existing(path: Path, read: Iterable[Path] = (), *, force: bool) -> No
 def refuse_unwritable(folder: Path, below: Iterable[str] = ()) -> None:
     """Raise `InputError` if no file can be made in `folder`, or in existing folders `below` it.
 
-    This is tried, as mode bits do not show read-only disks. Nothing is left behind.
+    The test writes a temporary file, since mode bits do not show read-only disks.
     """
     parents = (folder, *folder.absolute().parents)
     nearest = next(parent for parent in parents if os.path.lexists(parent))
@@ -320,7 +320,7 @@ def refuse_unwritable(folder: Path, below: Iterable[str] = ()) -> None:
 def refuse_other_text(folder: Path, kind: Kind, *, force: bool) -> None:
     """Raise `InputError` if text and figures of a kind would replace other files.
 
-    Its own are replaced with `force`: the text begins with `text_mark(kind)`.
+    With `force`, they may replace results whose text begins with `text_mark(kind)`.
     """
     refuse_unwritable(folder, kind.folders)
     if obstacles := misplaced_paths(folder, kind):
@@ -335,12 +335,12 @@ def refuse_other_text(folder: Path, kind: Kind, *, force: bool) -> None:
 
 
 def text_mark(kind: Kind) -> str:
-    """Return the first line of the text of a kind, which identifies the folder."""
+    """Return the first line of the text in a folder of this kind, by which it is recognised."""
     return f"<!-- bayesdrill {kind.job} -->"
 
 
 def refuse_endless(path: Path) -> None:
-    """Raise `InputError` for devices and pipes, also behind links, as opening them may never end."""
+    """Raise `InputError` for devices and pipes, also behind links, as opening may never end."""
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError):  # its reader reports a missing file or a NUL in the path
@@ -363,7 +363,7 @@ def path_kind(path: Path) -> str:
 
 
 def _names(folder: Path, below: Iterable[str]) -> list[str]:
-    """Return relative names of all entries of `folder` and of the folders `below` that are no links."""
+    """Return names in subfolders `below` that are no links; an empty name is `folder` itself."""
     names = []
     for name in below:
         if path_kind(folder / name) == "a folder" or (not name and folder.is_dir()):
@@ -378,19 +378,19 @@ def _matches(name: str, patterns: Iterable[str]) -> bool:
 
 
 LARGEST_FILE = 1_000_000_000  # bytes of a record, about fifty million numbers as text
-LARGEST_GUESSED = 100_000_000  # bytes of a record that `init` reads, for up to half a minute
-MOST_COLUMNS = 300  # columns that `init` compares with each other
-MOST_SAMPLES = 20_000_000
+LARGEST_GUESSED = 100_000_000  # bytes of a record that `init` reads, in at most half a minute
+MOST_COLUMNS = 300  # columns of a record for `init`, which compares all pairs
+MOST_SAMPLES = 20_000_000  # samples of a record
 MOST_MEASURED = 50_000_000  # numbers of a record: samples times channels
 MOST_GUESSED = 1_000_000  # samples that `init` reads
 MOST_OF_CHAIN = 64_000_000  # numbers of a chain, half a gigabyte
-LEAST_STEPS = 200  # steps that have to fit into a chain
-MOST_PREDICTED = 20_000_000  # numbers, 80 MB, and the same number of log likelihoods
-LEAST_PREDICTED = 25  # draws of each ensemble; fewer do not resolve the tails
+LEAST_STEPS = 200  # steps for which a chain must have room
+MOST_PREDICTED = 20_000_000  # predicted numbers (80 MB); log likelihoods are as many
+LEAST_PREDICTED = 25  # predicted draws per ensemble; fewer draws do not resolve the tails
 
 
 def check_file(path: Path, largest: int = LARGEST_FILE) -> None:
-    """Raise `InputError` for files beyond `largest` bytes or without end, not for missing ones."""
+    """Raise `InputError` for devices, pipes and files above `largest` bytes; skip missing files."""
     refuse_endless(path)
     try:
         size = path.stat().st_size
@@ -403,9 +403,9 @@ def check_file(path: Path, largest: int = LARGEST_FILE) -> None:
 
 
 def check_record(samples: float, channels: int) -> None:
-    """Raises `ValueError` with a message for the user."""
+    """Raise `ValueError`, with a message for the user, if a record is too large."""
     if samples > MOST_SAMPLES or samples * channels > MOST_MEASURED:
-        most = f"at most {MOST_SAMPLES} samples and {MOST_MEASURED} numbers are taken"
+        most = f"at most {MOST_SAMPLES} samples and {MOST_MEASURED} numbers are accepted"
         way_out = "resample to a lower rate, or shorten the record"
         raise ValueError(
             f"{samples:.6g} samples of {count_noun(channels, 'channel')}; {most}: {way_out}"
@@ -413,21 +413,21 @@ def check_record(samples: float, channels: int) -> None:
 
 
 def check_guessed(samples: int, columns: int) -> None:
-    """Raises `ValueError` with a message for the user."""
+    """Raise `ValueError`, with a message for the user, if a record is too large for `init`."""
     if samples > MOST_GUESSED or columns > MOST_COLUMNS:
         many = f"{samples} samples of {count_noun(columns, 'column')} are too many"
         most = f"`init` looks at {MOST_GUESSED} samples and {MOST_COLUMNS} columns at most"
-        way_out = "Save the columns of the rig alone, at a lower rate or for a shorter time"
+        way_out = "Save only the columns of the rig, at a lower rate or for a shorter time"
         raise ValueError(f"{many}: {most}. {way_out}, or write a config by hand")
 
 
 def check_chain(ensembles: int, walkers: int, unknowns: int) -> None:
-    """Raises `ValueError` with a message for the user."""
+    """Raise `ValueError`, with a message for the user, if a chain has no room for `LEAST_STEPS`."""
     if steps_of_chain(ensembles, walkers, unknowns) < LEAST_STEPS:
         size = f"{walkers} walkers with {count_noun(unknowns, 'unknown')}"
         many = f"{ensembles} ensembles of {size} are too many"
         most = f"{LEAST_STEPS} steps would be more than {MOST_OF_CHAIN} numbers"
-        raise ValueError(f"{many}: {most}, all that a chain may hold. Take fewer")
+        raise ValueError(f"{many}: {most}, the limit of a chain. Use fewer walkers or ensembles")
 
 
 def steps_of_chain(ensembles: int, walkers: int, unknowns: int) -> int:
@@ -436,7 +436,7 @@ def steps_of_chain(ensembles: int, walkers: int, unknowns: int) -> int:
 
 
 def predictive_draws(wanted: int, ensembles: int, numbers: int) -> int:
-    """Return the predicted draws per ensemble: `wanted`, or fewer for lack of space; 0 if too few."""
+    """Return how many draws per ensemble are predicted, at most `wanted`; 0 if memory is short."""
     room = MOST_PREDICTED // (ensembles * numbers)
     return wanted if wanted <= room else room if room >= LEAST_PREDICTED else 0
 
@@ -450,14 +450,14 @@ def dumps_checksummed(data: Mapping[str, Any]) -> str:
 
 
 def loads_checksummed(content: bytes) -> dict[str, Any]:
-    """Return the entries of such a text; raises `ValueError` if they do not match their checksum."""
+    """Return entries that were dumped with a checksum; raises `ValueError` if it does not match."""
     try:
         data = json.loads(content.decode("utf-8"))
         seal = data.pop(CHECKSUM, None) if isinstance(data, dict) else None
         if seal is None or seal != _checksum(data):
-            raise ValueError("the checksum does not fit")
+            raise ValueError("the checksum does not match")
     except RecursionError:
-        raise ValueError("nested too deep") from None
+        raise ValueError("nested too deeply") from None
     return dict(data)
 
 

@@ -1,1 +1,1 @@
-"""Do the work of the commands, one module each, for `api` and `cli`; nothing here parses or prints."""
+"""Do the work of the commands for `api` and `cli`; no module here parses arguments or prints."""

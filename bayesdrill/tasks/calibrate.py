@@ -64,7 +64,7 @@ class CalibrationRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationOutcome:
-    """A calibration has a verdict, its refits and a folder."""
+    """The outcome of a calibration has its verdict, its refits and its folder."""
 
     folder: Path
     verdict: CalibrationVerdict
@@ -82,14 +82,14 @@ class CalibrationOutcome:
 
 
 def prepare(path: Path) -> Job:
-    """Prepare a job like `job.prepare`; a config with times in `simulation:` needs no record."""
+    """Prepare a job like `job.prepare`; with times in `simulation:`, the config needs no record."""
     case = loading.load(path)
     paths = [path for experiment in case.experiments for path in sources.paths(experiment)]
     measured = all(path.exists() for path in paths)
     read: Callable[..., Experiment] = reading.read if measured else simulation.simulation_grid
     problem = build_problem(case, [read(experiment) for experiment in case.experiments])
-    # Only priors of free states depend on the record's samples.  Samples are set to zero, so that a
-    # calibration can be resumed with another record.
+    # Of the posterior, only priors of free states depend on the record's samples.  All samples are
+    # set to zero, so that a calibration can be resumed with another record.
     blank = [np.where(o.experiment.seen, 0.0, np.nan) for o in problem.observations]
     posterior = problem.posterior.edit(records=blank)
     return Job(case=case, problem=dataclasses.replace(problem, posterior=posterior))
@@ -140,7 +140,7 @@ def run(
 ) -> list[Refit]:
     """Return the refits 0 to n - 1; refits that `folder` lacks are computed and saved.
 
-    The index identifies a refit, so that a refit that is computed twice counts once.
+    A refit is identified by its index, so a refit that two workers compute counts once.
     """
     done = {refit.index: refit for refit in saved(folder, study) if refit.index < n}
     folder.mkdir(exist_ok=True)
@@ -160,7 +160,7 @@ def run(
 
 
 def saved(folder: Path, study: CalibrationStudy) -> list[Refit]:
-    """Read all refits of a folder; raises `InputError` for files that are damaged or foreign."""
+    """Read all refits of a folder; raises `InputError` for damaged or other studies' files."""
     is_output = output_files.CALIBRATE.is_output
     paths = sorted(path for path in folder.glob("*.json") if is_output(f"{REFITS}/{path.name}"))
     return [_read(path, study) for path in paths]
@@ -203,7 +203,7 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVe
 
 
 def _draw(job: Job, folder: Folder, verdict: CalibrationVerdict) -> None:
-    # Imported late, as matplotlib loads in a second.
+    # Imported late, as matplotlib takes a second to load.
     from bayesdrill.report import style
 
     figures, output = folder.path / FIGURES, job.config.output

@@ -28,11 +28,11 @@ from bayesdrill.results.run_folder import Folder
 from bayesdrill.tasks import conclusions
 from bayesdrill.tasks.conclusions import SampledRun
 
-FEWEST = 2  # least number of runs
-LONGEST = 100  # longest name of a folder, in letters
-OF_NOISE = ("the noise of", "the kind of noise")  # prefixes of names of settings
+FEWEST = 2  # smallest number of runs in a comparison
+LONGEST = 100  # upper limit of the letters in the name of a folder
+OF_NOISE = ("the noise of", "the kind of noise")  # prefixes of the settings that describe noise
 WITHOUT = (
-    "has no log evidence: an older version made it, or the proposal failed. "
+    "has no log evidence: an older version made the run, or its proposal failed. "
     "`bayesdrill posterior CONFIG --resume` computes it from the existing chain"
 )
 
@@ -47,14 +47,14 @@ class NamedRun:
 
     @property
     def place(self) -> str:
-        """Return the folder or the name, for messages."""
+        """Return the folder of a saved run, or else the name, for messages."""
         return self.name if self.folder is None else str(self.folder)
 
 
 def check_runs(form: Form, runs: Sequence[object]) -> None:
-    """Raise `InputError` for too few or too many runs, or for a repeated run.
+    """Raise `InputError` for too few or too many runs, or if a run would be compared with itself.
 
-    `runs` are folders, or objects that are compared by identity.
+    `runs` are folders, or run objects, which are compared by identity.
     """
     if not FEWEST <= len(runs) <= form.most:
         message = f"{len(runs)} given; {FEWEST} to {form.most} runs can be {form.purpose}"
@@ -70,10 +70,10 @@ FORMS: Mapping[str, Form] = {form.name: form for form in (OVERLAID, COMPARED)}
 
 
 def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
-    """Return the runs side by side or, as models of one record, compared with the first.
+    """Return the report of an overlay of runs, or of a comparison of models of one record.
 
-    Units are those of the first run with units.  Raises `InputError` for another record or a
-    missing evidence.
+    Each unknown has the unit of the first run that gives a unit.  A comparison raises `InputError`
+    if records differ or an evidence is missing.
     """
     units = overlay_units([run.run.job for run in runs])
     if form is OVERLAID:
@@ -84,7 +84,7 @@ def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
 
 
 def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
-    """Return the units of the first run with units; SI for a name with two meanings."""
+    """Return each unknown's unit in the first job with a unit; SI if jobs differ in its SI unit."""
     units, kinds = dict[str, Unit](), dict[str, set[str]]()
     for job in jobs:
         units = {**job.problem.units.units, **units}
@@ -97,7 +97,7 @@ def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
 def overlay_layer(
     name: str, run: SampledRun, units: DisplayUnits, fit: tuple[ResidualSummary, ...] | None = None
 ) -> PosteriorSummary:
-    """Return a run under its name, with settings in `units`, and residuals `fit` if known."""
+    """Return the summary of a run, with settings in `units`, and residuals `fit` if given."""
     job, sampled, fit = run.job, run.sampled, residuals(run) if fit is None else fit
     return PosteriorSummary(
         name=name,
@@ -138,7 +138,7 @@ def default_folder(form: Form, names: Sequence[str]) -> Path:
 
 
 def check_folder(form: Form, output: Path, runs: Sequence[Path | None], *, force: bool) -> None:
-    """Raise `InputError` if `publish` would; this check comes before runs are read."""
+    """Raise the `InputError` that `publish` would raise; called before runs are read."""
     if output.resolve() in [run.resolve() for run in runs if run is not None]:
         raise InputError.at(str(output), "is one of these runs; give another --output")
     Folder(output, "force" if force else "fresh", {}, form.kind).check()
@@ -157,7 +157,7 @@ def publish(
 
 def write(report: ComparisonReport, folder: Folder) -> None:
     """Write table, page and figures into an open folder."""
-    from bayesdrill.report import style  # late: matplotlib loads in a second
+    from bayesdrill.report import style  # late: matplotlib takes a second to load
 
     for name, text in report.texts.items():
         folder.write_text(name, text)
@@ -165,7 +165,7 @@ def write(report: ComparisonReport, folder: Folder) -> None:
     figures.mkdir(exist_ok=True)
     note = {"Creator": software.creator(), provenance.RUN_MARK: report.mark}
     for name, drawing in report.figures.items():
-        # The heading is left out, as formats may write letters of a name differently.
+        # The title omits the heading, as formats of figures may encode names of runs differently.
         style.save(drawing.drawn(), figures, name, {**note, "Title": f"{report.form.name}: {name}"})
     folder.write_text("report.html", report.page(figures))
 
@@ -183,8 +183,8 @@ class ComparedRun:
 class ComparisonRecord:
     """The `run.json` of a finished comparison, an overlay or a ladder has these fields.
 
-    `reasons` say why the result must not be believed. The last four fields need models of one
-    record.
+    `reasons` say why the result must not be believed. The last four fields are empty for
+    overlays.
     """
 
     form: int = 1
@@ -220,10 +220,10 @@ def entries(
 
 
 def read_record(run: Mapping[str, Any], folder: Path) -> ComparisonRecord:
-    """Return the record in the `run.json` of `folder`; raises `InputError` if there is none."""
+    """Return the record in `run`, the `run.json` of `folder`; raises `InputError` if invalid."""
     try:
         record = from_data(ComparisonRecord, run)
-        # Names of folders that are not UTF-8 are replaced by pydantic.
+        # Pydantic changes names of folders that are not UTF-8, so names are taken from `run`.
         places = [each["folder"] for each in run["runs"]]
         pairs = zip(record.runs, places, strict=True)
         return replace(record, runs=tuple(replace(each, folder=place) for each, place in pairs))
@@ -233,7 +233,7 @@ def read_record(run: Mapping[str, Any], folder: Path) -> ComparisonRecord:
 
 
 def check_same_record(runs: Sequence[NamedRun]) -> None:
-    """Raise `InputError` if runs have different records, since their odds mean nothing."""
+    """Raise `InputError` if runs have different records, as odds then mean nothing."""
     first = _record(runs[0].run.job.problem)
     for run in runs[1:]:
         record = _record(run.run.job.problem)
@@ -263,7 +263,7 @@ def _record(problem: Problem) -> dict[str, str]:
 
 
 def contender(named: NamedRun, units: DisplayUnits) -> RunSummary:
-    """Return the summary of a named run; raises `InputError` if it has no evidence."""
+    """Return the summary of a named run; raises `InputError` if the run has no evidence."""
     run = named.run
     if run.sampled.evidence is None:
         raise InputError.at(named.place, WITHOUT)
@@ -286,7 +286,7 @@ def contender(named: NamedRun, units: DisplayUnits) -> RunSummary:
 
 
 def _rig(job: Job) -> dict[str, str]:
-    """Describe rig, sensors, inputs and start, and which of their numbers are unknown."""
+    """Describe rig, sensors, inputs and start state, and list their unknown numbers."""
     space = job.problem.posterior.space
     unknown = {space.free[k]: "unknown" for k in space.columns(*SIMULATOR_ROLES)}
     said = provenance.settings(job.config, job.problem, job.problem.units)
@@ -298,7 +298,7 @@ def _rig(job: Job) -> dict[str, str]:
 
 
 def _noise(job: Job) -> dict[str, str]:
-    """Describe the noise of each channel by its kind, and by its size if that is known."""
+    """Describe the noise of each channel: its kind, and sigma if it is known."""
     result = {}
     for observation in job.problem.observations:
         record = job.case.experiment(observation.label).config.record

@@ -1,4 +1,4 @@
-"""Draw conclusions from a finished chain: its analysis, evaluated now or read from the run."""
+"""Analyse a finished chain, or use the analysis that is stored with its run."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from bayesdrill.tasks import ranking
 
 @dataclass(frozen=True, eq=False)
 class SampledRun(Value):
-    """A sampled run has a job, a maximum and a chain; `kept` is the analysis in its folder."""
+    """A sampled run has a job, a maximum and a chain; `kept` is the stored analysis, if any."""
 
     job: Job
     mode: Mode
@@ -57,11 +57,11 @@ def concluded(
     explained: Future[Causes | None] | None = None,
     map_each: MapEach = map,
 ) -> ReportContext:
-    """Return the context of a run's report, which evaluates each conclusion at first use.
+    """Return the context of a run's report, which analyses the chain at first use.
 
-    `scenery` is that of the job's likelihood, if it exists already.  If the run is `alone`, not one
-    of several candidates, other rigs are tried before a table is blamed.  `explained` has the causes
-    of a bad fit, if they are sought already.
+    `scenery` is the sensitivity study of the job's likelihood, if one exists.  If the run is
+    `alone` (not one of several candidates), changes of the rig are tried before a nominal table is
+    judged wrong.  `explained` is the future of causes of a bad fit, if their search has begun.
     """
     job = run.job
     chain = RunDraws(job.problem, run.mode, run.sampled, job.config.seed)
@@ -96,11 +96,11 @@ def causes(
     submit: ranking.Submit | None = None,
     report: Reporter = SILENT,
 ) -> Causes | None:
-    """Return causes that would explain the residuals `left` of `mode`; None if these are noise.
+    """Return causes that would explain the residuals `left` of `mode`, or None.
 
-    Values at ends of their priors may fit by chance.  Then only values and units that are off by a
-    factor are tried.  The job has the integration steps of `mode`.  `submit` runs tasks in this
-    process or others.
+    If the residuals are noise, only a value or unit that is off by a factor is sought, and only if
+    unknowns are at ends of their priors.  The job must have the integration steps of `mode`.
+    `submit` runs tasks in this process or in others.
     """
     ranked = None
     fits = residual_checks.like_noise(left)
@@ -136,7 +136,7 @@ def doubts(job: Job, mode: Mode, study: IdentifiabilityStudy) -> tuple[str, ...]
 
 
 def settings(case: ResolvedCase) -> dict[str, Any]:
-    """Return all entries of a config except the places of records and the formats of figures."""
+    """Return all entries of a config except the paths of records and the formats of figures."""
     sections = (*SECTIONS, EXPERIMENTS)
     entries = case.config.model_dump(exclude_none=True, exclude=set(sections))
     entries["output"].pop("formats", None)

@@ -45,7 +45,7 @@ class Designed(Value):
     job : Job
         The config with its record.
     design : ExperimentDesign
-        Levels, promised standard deviations and the expected response, in SI.
+        Levels, expected standard deviations and the expected response, in SI.
     """
 
     job: Job
@@ -58,18 +58,18 @@ class Designed(Value):
 
     @property
     def times(self) -> Array:
-        """Return the times [s] at which levels begin, and the end, `(S + 1,)`."""
+        """Return the start times of the S levels, and the end of the last [s], `(S + 1,)`."""
         source = self.design.request.source
         starts = np.arange(source.count) * source.interval
         return np.append(starts, source.t[-1])
 
     @property
     def levels(self) -> Array:
-        """Return the levels of the input in SI, `(S,)`; those of E > 1 experiments as `(E, S)`."""
+        """Return the levels of the input in SI, `(S,)`; `(E, S)` for E > 1 experiments."""
         return self.design.levels[0] if len(self.design.levels) == 1 else self.design.levels
 
     def save(self, folder: str | Path, *, force: bool = False) -> str:
-        """Save the waveform, the config of the coming record, a text and a figure in a folder.
+        """Save the waveform, the config of the next record, a text and a figure in a folder.
 
         Parameters
         ----------
@@ -132,11 +132,11 @@ def design(
     report: Reporter,
     rival: Job | None = None,
 ) -> Designed:
-    """Design an experiment for a job, given its prior or posterior draws `chain (N, D)`.
+    """Design an experiment for a job, given posterior draws `chain (N, D)`; None: given its prior.
 
     `options` has the fields of `SourceLimits`, a `family` and a number of `experiments`; options
-    that are not given are None.  The experiment is to distinguish the model from that of a `rival`,
-    if there is one.  Raises `InputError` for options that do not fit.
+    that are not given are None.  If there is a `rival`, the experiment is to distinguish its model
+    from that of the job.  Raises `InputError` for invalid options.
     """
     problem, seed = job.problem, job.config.seed
     family, experiments = options.pop("family", None) or FREE, options.pop("experiments", 1)
@@ -190,7 +190,7 @@ def _source(job: Job, options: dict[str, Any]) -> SourceLimits:
 
 
 def coming_config(job: Job, design: ExperimentDesign) -> str:
-    """Return the config of the coming record, whose columns are named like channels and input."""
+    """Return the config of the next record, whose columns have the names of channels and input."""
     first, source = job.case.experiments[0], design.request.source
     data = copy.deepcopy(dict(first.source.data))
     channels = {}

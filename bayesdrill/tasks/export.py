@@ -1,7 +1,7 @@
 """Export the rig of a run to simulators, as MJCF (MuJoCo) or JSON.
 
-A joint is a coordinate of the rig, with all inertias that move together with it.  Their armature,
-damping and dry friction are reflected through the gears to the joint, in SI.  In MJCF springs
+A joint is a coordinate of the rig, with all inertias that move together.  Armature, damping and dry
+friction of these inertias are reflected through the gears to the joint, in SI.  In MJCF, springs
 between joints are fixed tendons, and motors are actuators.
 """
 
@@ -41,11 +41,11 @@ class ExportedNumber:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatorModel:
-    """A rig is described in terms of a simulator.
+    """A simulator model describes a rig by joints, springs and drives.
 
-    `joints` are names by the state of their speed.  `springs` have a joint at each end, with the
-    turns of the spring's end per turn of the joint.  `drives` have a joint, with the drive's turns
-    per turn of the joint.
+    `joints` maps the state of a speed to the joint's name.  `springs` maps a spring to its ends:
+    the joint, and the turns of this end per turn of the joint.  `drives` maps a drive to its joint,
+    and the drive's turns per turn of the joint.
     """
 
     title: str
@@ -61,7 +61,7 @@ class SimulatorModel:
 
 
 def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> SimulatorModel:
-    """Return the rig of a run with at most `draws`; raises `InputError` if it has no roles."""
+    """Return the rig of a run, with at most `draws` draws; raises `InputError` without roles."""
     problem = run.job.problem
     model, posterior = problem.model, problem.posterior
     chain = run.sampled.draws.reshape(-1, len(problem.names))
@@ -153,7 +153,7 @@ def _quantities(
 
 
 def as_json(model: SimulatorModel) -> str:
-    """Return means, sds, correlations and draws of all quantities."""
+    """Return JSON text with means, sds, correlations and draws of all quantities."""
     draws = np.array([quantity.draws for quantity in model.quantities])
     with np.errstate(invalid="ignore"):  # a fixed quantity has no correlation
         correlations = np.nan_to_num(np.atleast_2d(np.corrcoef(draws)))
@@ -181,7 +181,7 @@ def as_json(model: SimulatorModel) -> str:
 
 
 def _body(joint: str, model: SimulatorModel) -> str:
-    """Return the name of a joint's body, since simulators use `world` and `base` themselves."""
+    """Return the name of a joint's body; simulators reserve the names `world` and `base`."""
     taken, name = {"world", "base", *model.joints.values()}, f"{joint}_body"
     while name in taken:
         name += "_body"
@@ -231,9 +231,9 @@ def as_mjcf(model: SimulatorModel, *, dcmotor: bool = False) -> str:
 
 
 def _gains(means: Mapping[str, float]) -> dict[str, str]:
-    """Return the entries of a general actuator: the gains of its input, an angle and a speed.
+    """Return the entries of a general actuator: the gains of its input, of angle and of speed.
 
-    The input is a voltage, or the goal of a servo at its usual supply.  Its limit is left out.
+    The input is a voltage, or the goal of a servo at its usual supply.  Limits of duty are ignored.
     """
     resistance = means.get("resistance", 1.0) + means.get("series_resistance", 0.0)
     gain = means.get("torque_constant", 1.0) / resistance

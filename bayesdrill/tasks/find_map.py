@@ -1,4 +1,4 @@
-"""Search for the MAP by the settings of a config, and write the folder of a maximum."""
+"""Search for the MAP with the settings of a config, and write a maximum into a folder."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from bayesdrill.tasks.conclusions import plan
 
 
 def check_place(output: Path, *, force: bool) -> None:
-    """Raise `InputError` if `save` would; this check comes before minutes of searches."""
+    """Raise the `InputError` that `save` would raise; called before a search of minutes."""
     Folder(output, "force" if force else "fresh", {}, MAP).check()
 
 
@@ -49,7 +49,7 @@ def report(job: Job, mode: Mode) -> MapReport:
 
 
 def save(job: Job, mode: Mode, output: Path, record: str | None, *, force: bool) -> None:
-    """Write a maximum into a folder; `record` is the text of a record without a file."""
+    """Write a maximum into a folder; `record` is the text of a record that has no file."""
     check_record(job, output, record)
     fingerprint, said = provenance.fingerprint(job.config, job.problem), report(job, mode)
     with Folder(output, "force" if force else "fresh", fingerprint, MAP) as folder:
@@ -91,11 +91,11 @@ SHORTEST = {
     "auto": COMPRESSED_FROM,
     "exact": None,
     "compressed": 0,
-}  # samples of compressed records
+}  # records with more samples are compressed; None: no record
 
 
 def fit_plan(job: Job) -> FitPlan:
-    """Return the settings by which a job fits its posterior, from its config."""
+    """Return the settings of searches and sampling from the config of a job."""
     settings = job.config.map
     return FitPlan(
         optimiser=optimiser(job.config),
@@ -107,26 +107,26 @@ def fit_plan(job: Job) -> FitPlan:
 
 
 def end_search(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -> Mode:
-    """Return the maximum of a search, and report the quality of the fit."""
+    """Wait for the searches, report how they ended, and return the maximum."""
     mode = end_searches(pool, under_way, report)
     report.say(describe_searches(mode))
     return mode
 
 
 def misfit(left: Sequence[ResidualSummary], clock: Unit) -> str:
-    """Describe residuals `left` that are too large to believe a posterior; empty for a good fit."""
+    """Describe the residuals `left` if they are too large to believe a posterior; else empty."""
     return residual_sentences(left, clock) if residual_reasons(left) else ""
 
 
 def check_new_config(job: Job, path: Path, *, force: bool) -> None:
-    """Raise `InputError` if `write_config` would; this check comes before minutes of searches."""
+    """Raise the `InputError` that `write_config` would raise; called before a search of minutes."""
     place = str(path)
     if job.files.given is not None:
         raise InputError.at(
             place, "no file contains the record yet; save the case, then map its config"
         )
     if path.suffix not in (".yaml", ".yml"):
-        raise InputError.at(place, "a config is a .yaml file; give such a name")
+        raise InputError.at(place, "a config is a .yaml file; give a name with this ending")
     output_files.refuse_other_than_file(path)
     if path.resolve() == job.source.path.resolve():
         raise InputError.at(place, "is the given config; give another name")
@@ -134,7 +134,7 @@ def check_new_config(job: Job, path: Path, *, force: bool) -> None:
 
 
 def write_config(job: Job, cause: Cause, path: Path, *, force: bool) -> None:
-    """Write the config of a job with the lines of a candidate."""
+    """Write the config of a job with the added lines of a candidate."""
     check_new_config(job, path, force=force)
     about = [f"{job.source.path.name} with {cause.about}, as `bayesdrill map` recommends it."]
     text = config_edits.as_file(config_edits.amended(job, cause), job.source, path.parent, about)
@@ -150,7 +150,7 @@ def write_mode(folder: Folder, mode: Mode) -> None:
 
 
 def read_mode(folder: Folder, problem: Problem) -> Mode | None:
-    """Read `map.json`, or return None; raises `InputError` if it is damaged or foreign."""
+    """Read `map.json`, or return None; raises `InputError` if it is damaged or of another run."""
     path = folder.path / MAP_FILE
     if not path.exists():
         return None
@@ -162,7 +162,7 @@ def read_mode(folder: Folder, problem: Problem) -> Mode | None:
 
 
 def _possible(mode: Mode, problem: Problem) -> bool:
-    """Return whether a mode may belong to this posterior."""
+    """Return whether names and values of a mode are possible for this posterior."""
     space, labels = problem.posterior.space, {each.label for each in problem.all_observations}
     maxima = [maximum.values for maximum in mode.maxima]
     points = (*maxima, *(search.end for search in mode.searches), mode.slope)

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ALL = "all"
+NO_UNKNOWN = "nothing to identify: all unknowns are of sensors, starts or noise, or may be negative"
 
 
 @check_arguments
@@ -65,7 +66,7 @@ class Findings(Value):
     profiles : tuple of Profile
         The profile likelihoods of the requested parameters, in SI.
     moment : InputTiming or None
-        The shifts of unknowns if the inputs act half a sample later; None if this is unknown.
+        The shifts of unknowns if the inputs act half a sample later; None if they are unknown.
     point : StudyPoint
         The point at which the sensitivities are evaluated.
     reasons : tuple of str
@@ -124,7 +125,7 @@ class Findings(Value):
         InputError
             If other files have these names, or if earlier results exist and `force` is false.
         """
-        title = f"What {self.job.config.name} can say"
+        title = f"What {self.job.config.name} can determine"
         draw = self._drawn
         place = save_text(folder, IDENTIFY, self.job, title, self.text, draw, force=force)
         return f"{place}/ ({IDENTIFY.mark}, figures/)"
@@ -147,18 +148,16 @@ class Findings(Value):
 
 
 def identify(job: Job, best: Mode | None, wanted: Sequence[str], report: Reporter) -> Findings:
-    """Study a job at the maximum `best`, or else at its start, with profiles of `wanted` parameters.
+    """Study a job at the maximum `best` or else its start; make profiles of `wanted` parameters.
 
-    Raises `InputError` if no parameter is unknown, or one of `wanted` is not an unknown.
+    Raises `InputError` if no unknown can be studied, or if one of `wanted` is no such unknown.
     """
     posterior = job.problem.posterior
     sensitivities = SensitivityStudy(posterior.likelihood)
     if not sensitivities.unknowns:
-        raise InputError.at(
-            "parameters", "no unknown has a relative deviation; there is nothing to identify"
-        )
+        raise InputError.at("parameters", NO_UNKNOWN)
     columns = _columns(sensitivities.unknowns, wanted)
-    report.update(0.0, "looking at what the record can show")
+    report.update(0.0, "computing what the record can determine")
     if best is None:
         point = study_point(sensitivities, posterior, job.config.seed)
     else:
@@ -183,7 +182,7 @@ def identify(job: Job, best: Mode | None, wanted: Sequence[str], report: Reporte
 def preflight(job: Job, sensitivities: SensitivityStudy) -> str:
     """Describe in a few lines what the record can determine, at a point where the rig moves."""
     if not sensitivities.unknowns:
-        return "no unknown has a relative deviation: all are of sensors, starts or noise, or have a sign"
+        return NO_UNKNOWN
     posterior = job.problem.posterior
     point, rig = study_point(sensitivities, posterior, job.config.seed), job.problem.model
     at_rest = describe_study_point(point, job.problem)

@@ -32,11 +32,11 @@ from bayesdrill.tasks.conclusions import SampledRun, concluded
 from bayesdrill.tasks.find_map import fit_plan
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
-RANKED = "candidates"  # entry of `run.json` that holds the ranking
-KEPT = 20  # number of candidates in `run.json`
+RANKED = "candidates"  # entry of `run.json` with the ranking
+KEPT = 20  # largest number of candidates in `run.json`
 STEPS = 400  # usual number of steps of a walker for a posterior with one maximum
 GIVEN, AS_GIVEN = "as_given", "the config as it is"
-LONGEST_NAME = 100  # longest name of a config, in letters
+LONGEST_NAME = 100  # upper limit of the letters in the name of a config
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class LadderOutcome:
     """A ladder has a folder, a comparison of its models and a recommendation.
 
     `rungs` are the models that were run, in the order of `report.models`, and `left_out` has the
-    reasons why others were not. The config of the `recommended` model is at `config`.
+    reasons why other models were not. The config of the `recommended` model is at `config`.
     """
 
     folder: Path
@@ -90,8 +90,8 @@ def ladder(
 ) -> LadderOutcome:
     """Run the whole job; `sample` is the number of most probable candidates that are sampled.
 
-    Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was killed; models
-    that are done are kept.
+    Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was killed.
+    Finished models stay in the folder.
     """
     marks = provenance.fingerprint(job.config, job.problem)
     for name in LADDER.nested:
@@ -111,7 +111,7 @@ def ladder(
 
 
 class _Sampling:
-    """A sampling fits models of a ladder; `left_out` gives reasons for models without a result."""
+    """A sampling fits models of a ladder; `left_out` has reasons for models without a result."""
 
     def __init__(
         self, job: Job, folder: Folder, pool: RefitExecutor, report: Reporter, *, again: bool
@@ -169,7 +169,7 @@ class _Sampling:
         return dataclasses.replace(causes, ranked=causes.ranked[:KEPT])
 
     def _taken_up(self, place: str, model: LadderModel) -> bool:
-        """Take up the earlier result of a model, and return whether there is one."""
+        """Read the earlier result of a model, and return whether there is one with evidence."""
         folder = self.folder.path / place
         run = (run_folder.read_run(folder) if self.again else None) or {}
         marks = provenance.fingerprint(model.job.config, model.job.problem)
@@ -212,7 +212,7 @@ def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult] | s
 
 
 def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
-    """Write the comparison of all models; the reference is the least probable in the ranking."""
+    """Write the comparison of all models; the reference is the model with the lowest rank."""
     if not work.done:
         raise InputError.at(str(job.source.path), "; ".join(work.left_out.values()))
     places = sorted(work.done, reverse=True)
@@ -243,7 +243,7 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
 
 
 def recommended(every: Sequence[LadderModel], report: ComparisonReport) -> LadderModel:
-    """Return the simplest model that is about as probable as the best."""
+    """Return the simplest model whose log evidence is near the highest (`SURE_LOG_ODDS`)."""
     models = report.models
     least = max(model.log_z for model in models) - SURE_LOG_ODDS
     good = [k for k, model in enumerate(models) if model.log_z >= least]

@@ -58,10 +58,10 @@ LOADED_LATE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """A finished run has a `summary` for a screen, and `details` with all that needs no figures.
+    """A finished run has a `summary` for a screen, and `details` with everything except figures.
 
     `reasons` say why the result must not be believed (no convergence, or a bad fit), and `missing`
-    has the tables and figures that could not be made.
+    names the tables and figures that could not be made.
     """
 
     folder: Path
@@ -92,7 +92,7 @@ def run_posterior(
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks, POSTERIOR) as folder:
         mode: Mode | None = None
-        if how == "resume":  # read first, so that a refused run stays unchanged
+        if how == "resume":  # read before writing, so that a refused run stays unchanged
             _read_ahead(job, folder)
             mode = find_map.read_mode(folder, job.problem)
         report.say(words.headline(job.problem, job.config))
@@ -111,7 +111,7 @@ def _saved_so_far(folder: Folder) -> str:
         return f"all samples so far are saved in {folder.path}"
     if (folder.path / find_map.MAP_FILE).exists():
         return f"the maximum is saved in {folder.path}, but nothing was sampled yet"
-    return f"nothing was found yet, and {folder.path} only has the config"
+    return f"no maximum was found yet; {folder.path} only has the config"
 
 
 def _read_ahead(job: Job, folder: Folder) -> None:
@@ -123,15 +123,15 @@ def _run(
     job: Job, folder: Folder, mode: Mode | None, processes: int, report: Reporter, details: Reporter
 ) -> Outcome:
     clock = [time.perf_counter()]
-    # Threads load what sampling and report need, and wait for refits, while this process computes.
-    # They build simulators of their own, as no two threads may share one.
+    # Threads load modules for sampling and report and wait for refits, while this process computes.
+    # Each thread builds its own simulators, since two threads must not share a simulator.
     with ThreadPoolExecutor(2) as threads, WorkerPool(job.problem.posterior, processes) as pool:
         if not pool.in_process:
             threads.submit(list, map(importlib.import_module, LOADED_LATE))
         searches = None if mode else begin_searches(pool, find_map.fit_plan(job), report)
         # While workers search the MAP, this process identifies what the record can determine.
         study = SensitivityStudy(job.problem.posterior.likelihood)
-        report.update(0.0, "looking at what the record can show")
+        report.update(0.0, "computing what the record can determine")
         details.say(preflight(job, study))
         if searches is not None:
             mode = find_map.end_search(pool, searches, report)
@@ -145,14 +145,14 @@ def _run(
         submit = pool.submit_function if pool.in_process else threads.submit
         said = SILENT if fits and not pool.in_process else report
         explained = submit(causes, job, mode, left, pool.submit_function, said)
-        if not fits:  # what explains a bad fit is said before it is sampled
+        if not fits:  # causes of a bad fit are reported before sampling
             _say_causes(explained, report)
         pool.set_steps(mode.pieces)
         if mode.pieces:
             study = SensitivityStudy(job.problem.posterior.likelihood)
         clock.append(time.perf_counter())
         sampled = _sample(job, pool, mode, folder, report)
-        # Workers draw while this process computes the evidence.
+        # Workers draw figures while this process computes the evidence.
         view = concluded(SampledRun(job, mode, sampled), study, explained=explained)
         figures = publish.begin_figures(view, folder, pool, report)
         sampled = weigh(pool, sampled, find_map.fit_plan(job), report)
@@ -183,7 +183,7 @@ def republish(
         folder.begin()
         with WorkerPool(finished.job.problem.posterior, processes) as pool:
             seconds = dict(run.get("seconds", {}))
-            seconds.pop("report", None)  # the report is being made again
+            seconds.pop("report", None)  # not valid for the new report
             view = concluded(finished, seconds=seconds, map_each=pool.map_each)
             figures = publish.begin_figures(view, folder, pool, report, pdf=pdf)
             return _publish(finished.job, folder, view, figures, report)
@@ -256,7 +256,7 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
 def write_result(
     job: Job, view: ReportContext, output: Path, record: str | None, *, force: bool
 ) -> Outcome:
-    """Write samples in memory like `run_posterior`; `record` is the text of a record in memory."""
+    """Write a run from memory like `run_posterior`; `record` is the text of a record in memory."""
     check_record(job, output, record)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "force" if force else "fresh", marks, POSTERIOR) as folder:
@@ -274,7 +274,7 @@ def write_result(
 
 
 def sample_in_memory(job: Job, mode: Mode, processes: int, report: Reporter) -> SamplingResult:
-    """Sample from the maximum `mode`; the job has the integration steps of this mode."""
+    """Sample from the maximum `mode`; the job must have the integration steps of this mode."""
     with WorkerPool(job.problem.posterior, processes) as pool:
         sampled = _sample(job, pool, mode, MemoryBackend(), report)
         return weigh(pool, sampled, find_map.fit_plan(job), report)
@@ -289,7 +289,7 @@ def _sample(
         message = f"{error}; record and priors contradict each other; check units and values"
         raise job.source.error(("parameters",), message) from None
     except CompressionError as error:
-        message = f"cannot be compressed: {error}; write `auto`, or leave it out"
+        message = f"cannot be compressed: {error}; write `auto`, or omit this entry"
         raise job.source.error(("sampler", "likelihood"), message) from None
 
 
@@ -310,7 +310,7 @@ def _publish(
     report: Reporter,
     begun: float | None = None,
 ) -> Outcome:
-    """Write tables, figures and record; the report of a timed run began at the time `begun`."""
+    """Write tables, figures and `run.json`; the report of a timed run began at `begun` [s]."""
     missing = publish.write_results(view, folder, figures, report)
     report.update(1.0, "")
     seconds, judged = dict(view.seconds), view.analysis.judged

@@ -1,4 +1,4 @@
-"""Rank candidate models: refit each from the maximum, alone and with others that gain evidence."""
+"""Rank candidate models: refit changes of a config, alone and combined with others that gain."""
 
 from __future__ import annotations
 
@@ -34,22 +34,22 @@ from bayesdrill.selection.candidates import CandidateModel, CandidateModels
 from bayesdrill.selection.changes import GEAR, LATER, START, WIDENED
 
 Submit = Callable[..., Future[Any]]  # submits a function and its arguments
-PAIRED = 4  # number of candidates that are tried in all pairs
-# Values of constants: first this grid is tried, then values next to the best one.
-GEARS = (0.1, 0.2, 0.25, 1 / 3, 0.5, 0.7, 1.4, 2.0, 3.0, 4.0, 5.0, 10.0)  # times the given ratio
-CLOCKS = (0.95, 0.97, 0.98, 0.99, 0.995, 1.005, 1.01, 1.02, 1.03, 1.05)  # times the clock's time
-FINEST_GEAR, FINEST_CLOCK = 1e-3, 1e-5
-LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # shares of the record
-SEEK_ROUNDS, SAME_HEIGHT = 8, 1.0  # most rounds; gain of log evidence that ends them
-HANDED_OVER = 4  # number of refits that run at a time
-# Combinations are refitted until all refits together have this number of evaluations, which is about
-# five minutes of a processor for a rig with friction and 10,000 samples.
+PAIRED = 4  # number of best candidates of which all pairs are tried
+# Grids of constants: after each value of a grid, values next to the best are tried (`_finer`).
+GEARS = (0.1, 0.2, 0.25, 1 / 3, 0.5, 0.7, 1.4, 2.0, 3.0, 4.0, 5.0, 10.0)  # new / given ratio
+CLOCKS = (0.95, 0.97, 0.98, 0.99, 0.995, 1.005, 1.01, 1.02, 1.03, 1.05)  # true / recorded time
+FINEST_GEAR, FINEST_CLOCK = 1e-3, 1e-5  # smallest distances between tried values
+LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # omitted beginning / duration
+SEEK_ROUNDS, SAME_HEIGHT = 8, 1.0  # largest number of rounds; a gain of log evidence that ends them
+HANDED_OVER = 4  # number of refits that run at the same time
+# No combination is refitted after this number of evaluations in all refits, which take about five
+# minutes of a processor for a rig with friction and 10,000 samples.
 MOST_EVALUATIONS = 700_000
-PROMISE = 3.0  # least gain of log density [nats] of a candidate
-MIN_SHARE_WORTH_COMBINING = 0.05  # relative to the gain of a catch-all
-REDUNDANT = 0.99  # share of two parts' gain; if each alone gains more, one is enough
-MAX_HIDDEN = 0.02  # share of samples that may be masked unless all others are explained
-WINDOWS = 4  # number of windows of a record that no candidate explains
+PROMISE = 3.0  # a search that promises less gain of log density [nats] is stopped
+MIN_SHARE_WORTH_COMBINING = 0.05  # smallest useful gain / gain of absorbing parts
+REDUNDANT = 0.99  # one of two parts is enough if each gains this fraction of both
+MAX_HIDDEN = 0.02  # largest fraction of masked samples, unless all other residuals are noise
+WINDOWS = 4  # number of windows of a record if no candidate explains it
 
 
 def rank(
@@ -57,8 +57,8 @@ def rank(
 ) -> tuple[Causes, Mapping[tuple[str, ...], RefitMaximum]]:
     """Refit all candidate models of `job` from its maximum; return also their maxima, by parts.
 
-    First come single parts and pairs of the best; then parts are added to the best while it
-    improves.  `submit` calls `refits.refit_candidate` in this process or another.
+    First come single parts and pairs of the best parts.  Then parts are added to the best
+    candidate while it improves.  `submit` runs `refits.refit_candidate` in any process.
     """
     posterior = job.problem.posterior
     given = submit(refit_candidate, posterior, maximum, -math.inf).result()
@@ -69,11 +69,11 @@ def rank(
 def rank_scales(
     job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporter
 ) -> Causes | None:
-    """Refit values and units that are off by a factor, if the ends of priors cost a good fit much.
+    """Try values and units that are off by a factor, if wider priors would improve a good fit much.
 
-    The result is None if wider priors gain nothing, or if no factor does.
+    The result is None if wider priors gain too little, or if no such factor is recommended.
     """
-    # The search that has just ended knows no higher maximum, so that no other start is needed.
+    # The search for `maximum` found no higher maximum, so no other start is needed.
     posterior, starts = job.problem.posterior, [maximum]
     given = submit(refit_candidate, posterior, maximum, -math.inf, starts=starts).result()
     ranking = Ranking(job, maximum, given, submit, report)
@@ -88,12 +88,12 @@ def rank_scales(
 
 @dataclass
 class Ranking:
-    """A ranking of candidate models is under way or done.
+    """A ranking refits candidate models, and keeps the results.
 
     `given` is the refit of the given config, `causes_by_parts` has the refitted candidates, and
-    `maxima` their maxima.  `left_out` has reasons why others could not be refitted, `tried` the
-    numbers of tried values of constants, and `evaluations` the count in all refits.  `untried`
-    describes combinations that were not refitted because that count was too large.
+    `maxima` their maxima.  `left_out` has reasons why other candidates could not be refitted.
+    `tried` has the number of values that were tried for a constant, and `evaluations` is the
+    total of all refits.  `untried` describes combinations skipped because of `MOST_EVALUATIONS`.
     """
 
     job: Job
@@ -120,7 +120,7 @@ class Ranking:
     def causes(self) -> Causes:
         """Refit all candidates, and return the causes, the recommended one first.
 
-        Added physics explains nearly everything if a value or unit is wrong, so these come first.
+        Values and units come first, as added physics explains most effects of a wrong value, too.
         """
         self.refit_scales()
         if not self._explained:
@@ -138,18 +138,18 @@ class Ranking:
         return dataclasses.replace(causes, windows=self._windows())
 
     def refit_scales(self) -> None:
-        """Refit each value and unit by the factors of wrong units."""
+        """Refit with each value and unit multiplied by a factor of wrong units."""
         scales = self.models.scales()
         self.tried = {candidate.name: len(scales) for candidate in scales}
         self.refit_all(scales, self.maximum)
 
     def _refit_others(self) -> None:
-        """Refit all candidates that are more than one value or unit."""
+        """Refit all candidates except those of `refit_scales`."""
         self.refit_all(self.models.singles(), self.maximum)
         for name, values in self._constants():
             self._seek(name, *values)
         best = self._best()
-        # A rig that no input drives shows missing physics only in its first motion.
+        # Without a driving input, only motion from a free start shows the sizes of missing physics.
         if best is not None and best.parts == (START,) and best.bayes > SURE_LOG_ODDS:
             (rung,) = self.models.rungs([best.parts])
             there = CandidateModels.from_job(rung.job(), self.maxima[best.parts].values)
@@ -161,15 +161,15 @@ class Ranking:
 
     @property
     def _explained(self) -> bool:
-        """Return whether some trusted cause leaves only noise."""
+        """Return whether a cause without doubts reduces the residuals to noise."""
         named = [c for c in self.causes_by_parts.values() if not c.absorbing and not c.doubts]
         return any(c.explains_all and c.bayes > SURE_LOG_ODDS for c in named)
 
     def _combine(self) -> None:
-        """Try pairs of parts that gained alone, then add parts to the best while it improves."""
+        """Try pairs of parts that gained alone, then add parts to the best while this helps."""
         least = SURE_LOG_ODDS + self._worth(0.0)
         first = [c.parts[0] for c in self._all() if not c.absorbing and c.bayes > least]
-        first.sort(key=lambda name: not name.startswith(WIDENED))  # a prior's end hides all else
+        first.sort(key=lambda name: not name.startswith(WIDENED))  # ends of priors hide causes
         for k, part in enumerate(first[:PAIRED]):
             self._beside((part,), first[k + 1 : PAIRED])
         absorbing = [change.name for change in self.models.changes.values() if change.absorbs]
@@ -179,10 +179,10 @@ class Ranking:
             self._beside(best.parts, absorbing)
 
     def _climb(self, absorbing: Sequence[str]) -> None:
-        """In turns, add parts that make the best more probable, and remove parts that no longer do.
+        """Alternately add parts to the best candidate and remove parts, while this gains evidence.
 
-        A part that stands for another one is thus removed early.  A turned sign or an exchange of
-        columns that loses alone is not tried again, nor a scale that does not gain.
+        A part that was a substitute for another part is thus removed early.  Changes without new
+        unknowns (signs, exchanged columns) that lose alone are not tried again, nor useless scales.
         """
         changes = self.models.changes.values()
         lost = {c.name for c in self._all() if not c.new and c.bayes < -SURE_LOG_ODDS}
@@ -194,7 +194,7 @@ class Ranking:
                 break
             before = best.bayes
             if self._worth(before) == 0.0:
-                self._beside(best.parts, absorbing)  # shows the remaining gain
+                self._beside(best.parts, absorbing)  # shows how much can still be gained
             self._beside(best.parts, more)
             self._reduce()
 
@@ -209,8 +209,8 @@ class Ranking:
     def _beside(self, parts: tuple[str, ...], more: Iterable[str]) -> None:
         """Refit a candidate with each part of `more` added, from the maximum of the candidate.
 
-        Parts with the largest earlier gain come first, since refits that fall behind the best are
-        not finished.  Refits that do not make the candidate more probable are not finished either.
+        Parts with the largest earlier gain come first, since later refits stop if they cannot rival
+        the best candidate.  They also stop if the added part cannot gain evidence.
         """
         wider = sorted(
             self.models.beyond(parts, more), key=lambda rung: -self._gained(rung.names[-1])
@@ -220,15 +220,15 @@ class Ranking:
         self.refit_all(wider, self.maxima[parts].values, lambda: max(least, self._rival()))
 
     def _worth(self, bayes: float) -> float:
-        """Return the least gain worth a search: a share of a catch-all's gain beyond `bayes`.
+        """Return the smallest useful gain: a fraction of what absorbing parts gain beyond `bayes`.
 
-        If residuals are not noise, nearly any part gains much more than by chance.
+        If residuals are more than noise, nearly any part gains much more than it would by chance.
         """
         most = max((cause.bayes for cause in self._all() if cause.absorbing), default=0.0)
         return MIN_SHARE_WORTH_COMBINING * max(most - bayes, 0.0)
 
     def _gained(self, part: str) -> float:
-        """Return the gain of a part in the last candidate to which it was added."""
+        """Return the gain of a part in the latest candidate to which the part was added."""
         causes = self.causes_by_parts
         heights = {parts: cause.bayes for parts, cause in causes.items()} | {(): 0.0}
         last = (parts for parts in reversed(causes) if parts[-1] == part and parts[:-1] in heights)
@@ -240,7 +240,7 @@ class Ranking:
         return max(trusted, default=-math.inf) - SURE_LOG_ODDS + self.given.log_z
 
     def _trusted(self) -> Iterator[Cause]:
-        """Yield the shown candidates that may be recommended, the most probable first."""
+        """Yield those of `_shown` that may be recommended, the most probable first."""
         return (cause for cause in self._shown() if not cause.doubts and cause.finished)
 
     def _all(self) -> list[Cause]:
@@ -248,13 +248,13 @@ class Ranking:
         return sorted(self.causes_by_parts.values(), key=lambda cause: -round(cause.bayes, 3))
 
     def _best(self) -> Cause | None:
-        """Return the most probable of the shown candidates."""
+        """Return the most probable candidate of `_shown`."""
         return next(self._shown(), None)
 
     def _shown(self) -> Iterator[Cause]:
-        """Yield the candidates that consist of causes, the most probable first.
+        """Yield the candidates without absorbing parts, the most probable first.
 
-        A candidate that masks many samples has to leave only noise.
+        A candidate that masks many samples is included only if its other residuals are noise.
         """
         named = (cause for cause in self._all() if not cause.absorbing)
         return (c for c in named if c.explains_all or self.maxima[c.parts].hidden <= MAX_HIDDEN)
@@ -268,7 +268,7 @@ class Ranking:
     # Search for constants of a config.
 
     def _constants(self) -> Iterator[tuple[str, tuple[Sequence[float], float]]]:
-        """Yield parts with a constant, the values of the first search, and the finest step."""
+        """Yield each part with a constant, the values to try first, and their smallest distance."""
         model, observations = self.job.problem.model, self.job.problem.observations
         shafts = {shaft.stiffness for shaft in model.roles.shafts}
         if model.geared and shafts & {*model.parameters}:
@@ -315,9 +315,9 @@ class Ranking:
         near: Mapping[str, float],
         rival: Callable[[], float] = lambda: -math.inf,
     ) -> None:
-        """Refit the new candidates from `near`, a few at a time.
+        """Refit `candidates` that were not refitted before, a few at a time, from values `near`.
 
-        A refit that cannot reach the log evidence of its `rival` is not finished.
+        A refit stops if it cannot reach the log evidence `rival()`.
         """
         under_way: list[tuple[CandidateModel, Job, Future[Any]]] = []
         known = {*map(frozenset, self.causes_by_parts)}
@@ -375,9 +375,9 @@ class Ranking:
         self.maxima[rung.names] = top
 
     def _redundant(self, top: RefitMaximum, rung: CandidateModel) -> Iterator[Doubt]:
-        """Yield parts each of which gains nearly as much as both, if more than noise is left.
+        """Yield doubts on pairs whose parts each gain nearly as much as both, unless all is noise.
 
-        The evidence of a stopped refit is too small for the gain of both.
+        A stopped refit raises no doubt, since its evidence underestimates the gain of both parts.
         """
         causes, both = self.causes_by_parts, float(top.log_z - self.given.log_z)
         known = top.finished and not like_noise(top.fit)
@@ -394,7 +394,7 @@ class Ranking:
     def _windows(self) -> tuple[tuple[FittedValue, ...], ...]:
         """Refit the given config on each window; return nothing if one refit fails.
 
-        Each window has the unknowns that it determines; there are none if nothing moves.
+        Each window has the unknowns that it determines; windows with none but noise are omitted.
         """
         try:
             jobs = [rung.job() for rung in self.models.windows(WINDOWS)]
@@ -416,9 +416,9 @@ class Ranking:
 
 
 def _finer(heights: Mapping[float, float], finest: float) -> list[float]:
-    """Return values between the best and its neighbours: midpoints, and a parabola's maximum.
+    """Return values between the best value and its neighbours: midpoints, and a parabola's maximum.
 
-    The result is empty if neighbours are as near as the `finest` step, or about as high.
+    The result is empty if neighbours are nearer than `finest`, or about as probable.
     """
     known = sorted(heights)
     k = known.index(max(heights, key=heights.__getitem__))
@@ -454,7 +454,7 @@ def _doubts(top: RefitMaximum, known: set[str], rung: CandidateModel) -> Iterato
 def _fitted(
     units: DisplayUnits, symbols: Iterable[Symbol], top: RefitMaximum
 ) -> tuple[FittedValue, ...]:
-    """Return values and sds of unknowns in the units that people read."""
+    """Return values and sds of unknowns in display units."""
     shown = [(units.symbol(si), units.factor(si.name)) for si in symbols]
     return tuple(
         FittedValue(

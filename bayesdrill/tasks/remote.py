@@ -36,21 +36,21 @@ def local_executor(processes: int) -> Iterator[RefitExecutor]:
     try:
         yield RefitExecutor(pool)
     except BaseException:
-        # Waiting for a refit may take minutes.  Results are short enough for a pipe to pass them
-        # whole, so killing a worker truncates none.
+        # A refit may take minutes, so workers are killed.  This truncates no result, since results
+        # are short enough to pass a pipe in one piece.
         shut_down(pool, 0.0)
         raise
     pool.shutdown()
 
 
 def _nothing() -> None:
-    """Prepare a worker: nothing is needed, as each task contains all data."""
+    """Prepare nothing in a new worker, since each task contains all its data."""
 
 
 @contextmanager
 def dask_executor(scheduler: str) -> Iterator[RefitExecutor]:
-    """Yield the workers of `scheduler`, such as tcp://host:8786; raises `InputError` without any."""
-    if sys.modules.get("dask", sys) is None:  # the command line hides it from xarray
+    """Yield the workers of a `scheduler` (tcp://host:8786); raises `InputError` without workers."""
+    if sys.modules.get("dask", sys) is None:  # `__main__` hides dask from xarray
         del sys.modules["dask"]
     try:
         from distributed import Client
@@ -81,7 +81,7 @@ def dask_executor(scheduler: str) -> Iterator[RefitExecutor]:
 
 
 def _check_answers(scheduler: str) -> None:
-    """Raise `InputError` if a scheduler does not answer, for which `Client` would wait for ever."""
+    """Raise `InputError` if a scheduler does not answer; `Client` would wait for it for ever."""
     from distributed import rpc
     from distributed.security import Security
 
@@ -105,7 +105,7 @@ def _check_answers(scheduler: str) -> None:
 
 
 class RefitExecutor:
-    """An executor gives tasks to other processes; `watch` must be called at intervals."""
+    """An executor gives tasks to other processes; `watch` must be called every few seconds."""
 
     def __init__(self, pool: Executor) -> None:
         self.pool = pool
@@ -129,14 +129,14 @@ class Cluster(RefitExecutor):
         self._client = client
         self._compared: set[str] = set()
         self._given_up: set[str] = set()
-        # By address: a worker's last heartbeat in the scheduler's time, and when it was first seen.
+        # By address: a worker's last heartbeat in the scheduler's time, and when it was noticed.
         self._heard: dict[str, tuple[float, float]] = {}
         self._last = self._looked = time.monotonic()
 
     def compare(self, workers: Collection[str]) -> None:
         """Raise `InputError` if the software of a worker differs from that of this process.
 
-        This comes before any task, since a worker that cannot load a task ignores it silently.
+        This check comes before any task, as a worker silently ignores a task that it cannot load.
         """
         new = [worker for worker in workers if worker not in self._compared]
         installed, problems = software.installed_versions(), []
@@ -166,7 +166,7 @@ class Cluster(RefitExecutor):
         return await asyncio.gather(*map(asked, workers))
 
     def watch(self, say: Callable[[str], None]) -> str:
-        """Give the tasks of silent workers to the others; raises `InputError` like `compare`."""
+        """Give the tasks of silent workers to other workers; raises `InputError` like `compare`."""
         now, client = time.monotonic(), self._client
         if now - self._looked < WATCH:
             return ""
@@ -193,7 +193,7 @@ class Cluster(RefitExecutor):
             self._given_up.add(address)
             say(f"worker {address} is silent; its work goes to the others")
             leave = {"address": address, "stimulus_id": f"silent-{time.time()}"}
-            # Dask's own time limit for a silent worker is longer.
+            # Dask itself would wait longer for a silent worker.
             with suppress(OSError):
                 client.sync(client.scheduler.unregister, **leave, callback_timeout=PATIENCE)
         return ""
@@ -202,7 +202,7 @@ class Cluster(RefitExecutor):
 def results[T](
     crew: RefitExecutor, futures: Collection[Future[T]], folder: Path, report: Reporter
 ) -> Iterator[tuple[Future[T], T]]:
-    """Yield each future of `crew` with its result, as soon as it is done.
+    """Yield each future of `crew` with its result, as soon as the result is there.
 
     Raises `InputError`, at `folder`, if the workers are lost, and any error of a task.
     """
@@ -221,7 +221,7 @@ def results[T](
         except CancelledError:
             raise _lost(folder, "the scheduler is gone") from None
         except Exception as error:
-            # An error of distributed, which may not be installed: workers of the task died repeatedly.
+            # `KilledWorker` of distributed (an optional package): workers died repeatedly.
             if type(error).__name__ != "KilledWorker":
                 raise
             raise _lost(folder, "workers were killed again and again (out of memory?)") from None
@@ -269,7 +269,7 @@ _ONE_AT_A_TIME = threading.Lock()
 
 
 def packed(*arguments: Any) -> bytes:
-    """Pickle `arguments` for other processes; each of them compiles kernels anew, once."""
+    """Pickle `arguments` for other processes; each process compiles their kernels once."""
     return pickle.dumps(arguments)
 
 

@@ -48,7 +48,7 @@ def _analysis_of_this_form(value: Any, read: Callable[[Any], RunAnalysis]) -> Ru
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WeightedMaximum:
-    """A maximum of the posterior in SI, and the share of the draws that belong to it."""
+    """A maximum of the posterior in SI, and the fraction of the draws near it."""
 
     values: Mapping[str, float]
     log_posterior: float
@@ -66,9 +66,9 @@ class RunRecord:
     notes: sentences on priors, record and rig
     verdict: verdict on the nominal table [sigma]
     evidence: log probability of the record under the model [natural log]
-    missed: estimated share of the posterior that the proposal hardly ever reaches
+    missed: estimated fraction of the posterior that the proposal hardly ever reaches
     compression: comparison of the compressed likelihood of long records with the exact one
-    maxima: maxima of the posterior, and the share of each [SI]
+    maxima: maxima of the posterior, and the fraction of draws near each [SI]
     importance: posterior means from weighted draws of the proposal, without a chain [SI]
     analysis: analysis of the run, evaluated once; null if another version has written it
     analysis_of: digest of the inputs of the analysis
@@ -90,7 +90,7 @@ class RunRecord:
 
 
 def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
-    """Return the record and the analysis as data; `made_of` is a digest of the analysed results."""
+    """Return record and analysis as data; `made_of` is the digest of the inputs of the analysis."""
     analysis, problem, sampled = view.analysis, view.problem, view.sampled
     converged, shares = analysis.convergence.converged, sampled.mode_shares
     verdict = None
@@ -118,7 +118,7 @@ def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
     )
     data = as_data(record)
     if record.importance is None:
-        del data["importance"]  # a report of an older chain keeps the entry of the run
+        del data["importance"]  # a report without a proposal keeps the existing entry
     return dict(data)
 
 

@@ -30,10 +30,10 @@ def save_text(
     *,
     force: bool,
 ) -> Path:
-    """Save a text, the figures that `draw` makes, and `others` by the names of their files.
+    """Save a text, the figures that `draw` makes, and the texts `others` by their file names.
 
-    Returns the folder.  Raises `InputError` if files of another kind, of the record, or without
-    `force` of the same kind would be replaced.  An interrupted call leaves none of its files.
+    Returns the folder.  Raises `InputError` if a file of the record or of another kind would be
+    replaced, or, without `force`, one of the same kind.  An interrupted call leaves no files.
     """
     from bayesdrill.report import style  # late: matplotlib takes a second to load
 
@@ -59,7 +59,7 @@ def save_text(
 
 @contextmanager
 def _whole(place: Path, kind: Kind) -> Iterator[None]:
-    """Remove the files of a kind, and folders that are then empty, if the block fails."""
+    """Remove the files of a kind, and folders that then are empty, if the block fails."""
     try:
         yield
     except BaseException:

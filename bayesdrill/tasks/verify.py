@@ -1,7 +1,7 @@
 """Verify that config, record, chain, tables and figures of a folder belong together.
 
 Files must have the digests in `run.json`.  Chain, maximum and figures contain the mark of their
-run, which must follow from config and record.
+run, which must equal the mark that is computed from config and record.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Verified:
     """A verification shows which files of a folder belong together.
 
     `problems` has each file that does not belong to the run, with the reason.  `checked` is the
-    number of files that belong to it.  `what` names the contents, such as "config, record, chain".
+    number of files without problems.  `what` names the contents, such as "config, record, chain".
     """
 
     folder: Path
@@ -75,7 +75,7 @@ def verify(folder: Path) -> Verified:
 def _of_run(
     read: Callable[[Path], Job], kind: Kind, folder: Path, _: Mapping[str, Any]
 ) -> Iterator[Issue]:
-    """Yield the problems of a posterior or a maximum; `read` returns its job."""
+    """Yield the problems of a posterior or a maximum, whose job is `read(folder)`."""
     try:
         job = read(folder)
     except InputError as error:  # the record or the config has changed, or the chain is damaged
@@ -100,7 +100,7 @@ def _of_several(
     """Yield the problems of an overlay or a comparison; runs in memory are skipped."""
     compared = comparison.read_record(run, folder).runs
     if len(compared) < 2:
-        yield Issue(str(folder / output_files.RUN), "names no two runs")
+        yield Issue(str(folder / output_files.RUN), "names fewer than two runs")
         return
     for entry in compared:
         if entry.folder is None:
@@ -130,7 +130,7 @@ def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
     yield from _of_several(COMPARED, folder, run, LADDER)
 
 
-# For each kind of results the function that yields its problems, and the words for its contents.
+# For each kind of results the function that yields problems, and a list of the contents in words.
 _WAYS: tuple[tuple[Kind, Callable[[Path, Mapping[str, Any]], Iterator[Issue]], str], ...] = (
     (POSTERIOR, partial(_of_run, _job_of_posterior, POSTERIOR), "config, record, chain"),
     (MAP, partial(_of_run, _job_of_map, MAP), "config, record, maximum"),
@@ -163,7 +163,7 @@ def _way_back(kind: Kind, name: str) -> str:
 
 
 def _configs(folder: Path, job: Job | None = None) -> Iterator[Issue]:
-    """Yield a problem if the given config differs from the resolved config of `job`."""
+    """Yield a problem if the given config differs from that of `job` (or the resolved config)."""
     place = folder / output_files.CONFIG_FILE
     given, resolved = _settings(place), folder / output_files.RESOLVED_FILE
     made = _settings(resolved) if job is None else conclusions.settings(job.case)
@@ -172,7 +172,7 @@ def _configs(folder: Path, job: Job | None = None) -> Iterator[Issue]:
 
 
 def _settings(path: Path) -> dict[str, Any] | None:
-    """Return the settings of a config; None for an unreadable one, which is reported elsewhere."""
+    """Return the settings of a config; None if unreadable, which is reported elsewhere."""
     try:
         return conclusions.settings(loading.load(path))
     except InputError:

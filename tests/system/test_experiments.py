@@ -78,7 +78,7 @@ def test_records_of_all_experiments_are_simulated_or_none(tmp_path: Path) -> Non
     assert again.status == 2
     assert again.err.count("exists already") == 1
     (tmp_path / "slow.csv").unlink()
-    message = "fast.csv: is read by this command, or named by its config, and never replaced"
+    message = "fast.csv: is read by this command, or named by its config, and is never replaced"
     assert_refused(cli("simulate", config), message)
     assert not (tmp_path / "slow.csv").exists()  # no record is written where one is refused
     assert_refused(cli("simulate", config, "-o", config), "is no folder")

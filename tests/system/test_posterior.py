@@ -132,7 +132,7 @@ def test_python_without_docstrings_is_refused(
     result = command_line.run_process("posterior", "small.yaml", cwd=tmp_path)
     assert result.status == 2
     assert result.err.splitlines() == [
-        "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
+        "python -OO removes docstrings that ArviZ needs; start Python without -OO"
     ]
 
 

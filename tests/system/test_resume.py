@@ -44,7 +44,7 @@ def test_a_finished_run_is_extended(
 
 
 STOPS = (
-    ("searching", "nothing was found yet, and {} only has the config"),
+    ("searching", "no maximum was found yet; {} only has the config"),
     ("learning", "the maximum is saved in {}, but nothing was sampled yet"),
     ("the walkers", "the maximum is saved in {}, but nothing was sampled yet"),
     (" steps to the next check", "all samples so far are saved in {}"),
