@@ -1,10 +1,12 @@
 """Fit the many runs of a campaign, and combine their determined products as a population.
 
 `runs` lists the runs, `records` checks all records, and `fits` fits each run and keeps its draws.
-`study` does all of it.  `watch` repeats that as new files come, and `simulation` makes campaigns.
-`conclusion` says what needs a look, `charts` and `sections` show it, and `pages` writes the files.
+`study` runs these steps.  `watch` repeats them as files arrive, and `simulation` makes campaigns.
+`conclusion` finds runs and products that need attention.  `charts` and `sections` show the results,
+and `pages` writes the files.
 
-`draws` holds what is known of each run, and `interim_prior` the density under which it was sampled.
-`population` samples the population by reweighting these draws.  `time_study` looks for drift and
-changes, and `outcomes` says what follows for runs, the table and the next run; `fit` does all of it.
+`draws` holds the draws of each run, which are made under the prior of `interim_prior`.  `mixture`
+turns these draws into the likelihood of the run, and `population` samples the population.
+`time_study` looks for drifts and changes, and `outcomes` describes the runs, the nominal table and
+the next run.  `fit` combines these modules.
 """
