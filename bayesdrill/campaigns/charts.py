@@ -78,7 +78,7 @@ def runs_figure(
 
 
 def places(figure: Figure, points: Sequence[Point]) -> Iterator[tuple[str, float, float]]:
-    """Yield run, x and y of each point: fractions of a drawn figure from the upper left corner."""
+    """Yield run, x and y of each point: fractions of a drawn figure, from its upper left corner."""
     for point in points:
         pixels = point.panel.transData.transform((point.x, point.y))
         across, up = figure.transFigure.inverted().transform(pixels)

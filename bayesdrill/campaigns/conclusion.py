@@ -166,5 +166,5 @@ def percent(log: float) -> str:
 
 
 def with_sd(mean: float, sd: float) -> str:
-    """Return a difference of logarithms and its standard deviation as relative changes in percent."""
+    """Return a difference of logarithms and its standard deviation as percentages."""
     return f"{percent(mean)} +- {100 * sd:.2g} %"

@@ -13,7 +13,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.campaigns.runs import CampaignRun
 
-MAX_DRAWS = 1000  # upper limit of the draws used of a run; more hardly change its mixture
+MAX_DRAWS = 1000  # upper limit of draws that are used from each run; more hardly change its mixture
 MOST_ATTEMPTS = 3  # largest number of attempts to sample a run, each with another seed
 
 
@@ -53,7 +53,7 @@ class FittedRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignDraws:
-    """A campaign has K `products`, such as "k_s/j_1", and for each of its runs a fit with draws."""
+    """A campaign has K `products`, such as "k_s/j_1", and a fit with draws for each run."""
 
     products: tuple[str, ...]
     runs: tuple[CampaignRun, ...]

@@ -30,7 +30,7 @@ MIN_TIMED_RUNS = 8  # with fewer different times, drifts and changes are not sea
 MAX_ERROR = 0.05  # largest acceptable `RunMixture.error`, a difference of probabilities
 NOTED_PRECISION = 0.1  # prior precision of coefficients of noted columns, relative to Sigma^-1
 MAD_TO_SD = 1.4826  # sd of a normal distribution divided by its median absolute deviation
-SUSPICIOUS = 4.0  # A run farther from the median of its rig may be foreign [sds].
+SUSPICIOUS = 4.0  # a run this many sds from the median of its rig may be foreign
 ALARM = 0.05  # an alarm is raised if the probability of a constant level is smaller
 
 
@@ -66,7 +66,7 @@ class PopulationFit:
     """A fitted population has these fields; all levels are natural logarithms of SI values.
 
     products: names of the log products
-    populations: population of each
+    populations: population of each log product
     correlation: correlation of the products over runs, from the mean of Sigma, `(K, K)`
     tails: posterior mean of the degrees of freedom of the t distribution of runs
     rigs: levels of the rigs; empty if there is only one rig
@@ -181,8 +181,8 @@ def fit_population(
 def _contaminated(mixtures: Sequence[RunMixture], rig: Indices) -> list[RunMixture]:
     """Add a wide component to the mixture of each run that is far from the median of its rig.
 
-    With the prior probability `FOREIGN` such a run is foreign: FOREIGN_SD^2 is added to its variance
-    in the products in which it is far.  It then neither widens the spread nor moves the centre.
+    With the prior probability `FOREIGN` such a run is foreign.  FOREIGN_SD^2 is then added to its
+    variance in the products in which it is far away, so it hardly affects spread and centre.
     """
     mean = np.array([run.mean for run in mixtures])
     for g in np.unique(rig):
@@ -248,7 +248,7 @@ def _histories(
 def _trends(
     histories: tuple[LevelHistory, ...], draws: CampaignDraws, order: Indices
 ) -> tuple[Array, Array, Array]:
-    """Return levels of walks `(R, K)`, columns of drifts and changes, and final sds of walks `(K,)`.
+    """Return levels of walks `(R, K)`, columns of drifts and changes, and walks' final sds `(K,)`.
 
     Levels and columns are zero at the end of the campaign, and for runs without a time.
     """

@@ -53,9 +53,8 @@ BEYOND = "its draws lie outside the priors"
 class Reference:
     """The reference of a campaign is the posterior maximum of the base config, at `values`.
 
-    Searches of all runs begin there.  `products` are those that the base record determines without
-    priors; they have powers `exponents` of the unknowns `names`.  Products that are not used are in
-    `left_out`, with the reason.
+    Searches of all runs begin there.  `products`, with powers `exponents` of unknowns `names`, are
+    determined by the base record without priors.  `left_out` has other products, with the reason.
     """
 
     names: tuple[str, ...]
@@ -113,7 +112,7 @@ def shown_products(
 ) -> tuple[KnownProduct, ...]:
     """Return independent products that the record determines without the priors of other unknowns.
 
-    A product that only the ends of these priors narrow is not returned.
+    A product is not returned if only the ends of these priors narrow it.
     """
     simple = simple_exponents(len(prior_sd))
     share = information.bounds_of(simple) / np.linalg.norm(simple * prior_sd, axis=1)
@@ -163,7 +162,7 @@ def fit_run(posterior: Posterior, plan: FitPlan, reference: Reference) -> Fitted
     logs = np.log(draws[evenly_spaced(len(draws))][:, columns]) @ powers.T
     priors = [posterior.space.priors[name] for name in reference.names]
     log_interim = log_density_of_products(logs, powers, priors)
-    sure = np.isfinite(log_interim)  # drops draws at ends of priors, without a quadrature node
+    sure = np.isfinite(log_interim)  # draws at ends of priors may lie beyond all nodes
     summaries = residual_summaries(posterior.likelihood, posterior.space.vector(mode.values))
     misfit = residual_reasons(summaries)
     return FittedRun(
@@ -208,7 +207,7 @@ class _Stage(Silent):
 def fit_runs(
     campaign: CheckedCampaign, folder: Path, crew: RefitExecutor, report: Reporter
 ) -> None:
-    """Fit the good runs without complete draws in `folder`, and write the draws of each at once.
+    """Fit the good runs without complete draws in `folder`; write draws whenever a run is done.
 
     The draws of a run do not depend on other runs.
     """
@@ -270,7 +269,7 @@ def number_of(name: str) -> int:
 def write_draws(
     folder: Path, name: str, mark: str, reference: Reference, fitted: FittedRun
 ) -> None:
-    """Write the draws of a run, a column for each log product, with name and reasons as metadata."""
+    """Write the draws of a run, a column for each log product; name and reasons are metadata."""
     import pyarrow
 
     columns: dict[str, Any] = dict(zip(reference.products, fitted.log_products.T, strict=True))
@@ -330,8 +329,8 @@ def determined_products(
 ) -> tuple[CheckedCampaign, Mapping[str, FittedRun]]:
     """Return campaign and draws with only those products that more than half of the runs determine.
 
-    A run determines a product if sd(draws) < `determined` * sd(prior), where `identify:` has
-    `determined`.  The interim prior of the remaining products is its marginal density.
+    A run determines a product if sd(draws) / sd(prior) is below `determined` of `identify:`.
+    The interim prior of the remaining products is the marginal density of the former prior.
     Raises `InputError` if no product remains.
     """
     reference, job = campaign.reference, campaign.job

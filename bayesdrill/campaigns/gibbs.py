@@ -2,9 +2,9 @@
 
 A t distribution is a normal distribution whose precision has a gamma distribution.  For each run, a
 mixture component and this precision are drawn first, with the run's log products integrated out.
-Given both, the coefficients and levels are normal, and then the log products of each run are normal.
-The prior of covariances has half-t standard deviations and uniform correlations (Huang and Wand 2013).
-A missing covariate is an unknown with a standard normal prior.
+Given both, coefficients and levels are normal, and then the log products of each run are normal.
+Covariances have the prior of Huang and Wand (2013): half-t standard deviations and uniform
+correlations.  A missing covariate is an unknown with a standard normal prior.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ LEAST_STEP, MOST_STEP = 0.05, 2.0  # bounds of the sd of a Metropolis step of lo
 class GibbsState:
     """A chain has this state: Sigma^-1 = root root' and Sigma_rig^-1 = rig_root rig_root'.
 
-    `scales (K,)` and `rig_scales (K,)` are the auxiliary variables of Huang and Wand's prior.  In
-    `design (R, p)`, missing covariates have drawn values.
+    `scales (K,)` and `rig_scales (K,)` are auxiliary variables of Huang and Wand's prior.  `design`
+    `(R, p)` contains drawn values for missing covariates.
     """
 
     slopes: Array
@@ -124,9 +124,9 @@ class Chosen:
     precision: Array
 
     def draw(self, centres: Array, root: Array, rng: np.random.Generator) -> Array:
-        """Draw the log products `(R, K)` of all runs, whose population has `centres (R, K)`."""
+        """Draw the log products `(R, K)` of all runs, given their means `centres (R, K)`."""
         apart = ((self.means - centres)[:, None, :] @ self.axes)[:, 0]
-        share = 1.0 / (1.0 + self.variance * self.precision[:, None])  # weight of the run's mean, not its centre
+        share = 1.0 / (1.0 + self.variance * self.precision[:, None])  # weight of the run's mean
         moved = share * apart + np.sqrt(share * self.variance) * rng.standard_normal(apart.shape)
         covariance = np.linalg.inv(root @ root.T)
         return np.asarray(centres + (self.axes @ moved[..., None])[..., 0] @ covariance)
@@ -166,10 +166,10 @@ def choose(data: RunArrays, state: GibbsState, rng: np.random.Generator) -> tupl
 def _rescale(
     data: RunArrays, state: GibbsState, z: Array, spread_scale: float, rng: np.random.Generator
 ) -> tuple[GibbsState, Array]:
-    """Scale the spread and all runs' deviations by a common factor, for one product after another.
+    """Multiply the spread and all runs' deviations by a common factor, one product after another.
 
-    Without these Metropolis steps, chains mix slowly: for given runs a spread changes little, and for
-    a given spread the runs change little (Yu and Meng 2011).
+    Without these Metropolis steps chains mix slowly: for given runs, spreads change little, and for
+    given spreads, runs change little (Yu and Meng 2011).
     """
     n_products, centres = z.shape[1], state.centres(data.rig)
     size = np.exp(rng.uniform(np.log(LEAST_STEP), np.log(MOST_STEP), n_products))
@@ -244,7 +244,7 @@ def _impute(
 def _update_coefficients(
     data: RunArrays, state: GibbsState, chosen: Chosen, rng: np.random.Generator
 ) -> GibbsState:
-    """Draw the coefficients and, with several rigs, their levels; log products are integrated out."""
+    """Draw coefficients and, with several rigs, levels of rigs; log products are integrated out."""
     slopes, levels, x = state.slopes, state.levels, state.design
     inverse = state.root @ state.root.T
     scale = 1.0 / (chosen.variance + 1.0 / chosen.precision[:, None])
@@ -287,7 +287,7 @@ def _update_rigs(state: GibbsState, spread_scale: float, rng: np.random.Generato
 def _update_covariance(
     scatter: Array, count: int, scales: Array, spread_scale: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Draw a root of the inverse covariance and new scales, given `scatter (K, K)` of `count` residuals."""
+    """Draw root and scales of a covariance, given `scatter (K, K)` of `count` residuals."""
     n_products = len(scatter)
     root = np.linalg.cholesky(np.linalg.inv(scatter + np.diag(2.0 * HALF_T_FREEDOM / scales)))
     freedom = HALF_T_FREEDOM + n_products - 1 + count

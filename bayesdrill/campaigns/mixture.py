@@ -2,8 +2,8 @@
 
 The draws of a run, with weights 1 / (density of the interim prior), represent the normalised
 likelihood of the run.  A mixture is fitted to the weighted draws by expectation maximisation, with
-the number of components that has the least BIC.  If the population is narrower than a run's posterior,
-few draws of the run lie inside the population, but the smooth mixture has a value everywhere.
+the number of components that has the least BIC.  If a population is narrower than the posterior of
+a run, few draws lie inside the population, but the smooth mixture has a value everywhere.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from bayesdrill.sampling.samplers.independence import (
 MAX_COMPONENTS = 6
 ITERATIONS = 200  # largest number of iterations of expectation maximisation
 TOLERANCE = 1e-4  # iterations stop if the mean log density grows by less
-INDEPENDENT = 0.5  # fraction of the effective draws that the BIC counts, since draws are autocorrelated
+INDEPENDENT = 0.5  # fraction of effective draws that the BIC counts; draws are autocorrelated
 CRITICAL = 1.63  # critical value of a Kolmogorov-Smirnov test at 1 %, times sqrt(number of draws)
-VARIANCE_FLOOR = 1e-6  # variance that is added to a component, relative to the variance of all draws
+VARIANCE_FLOOR = 1e-6  # variance added to a component, relative to the variance of all draws
 LEAST_SD = 1e-9  # lower limit of the sd of a log product; keeps the covariance of few draws regular
 
 
@@ -96,7 +96,7 @@ def _fitted(z: Array, weights: Array, components: int) -> tuple[Mixture, float]:
 
 
 def _difference(z: Array, weights: Array, fitted: Mixture, direction: Array) -> float:
-    """Return the largest difference of draws and mixture in distribution functions along a direction."""
+    """Return the largest difference of the two distribution functions along a direction."""
     x = z @ direction
     order = np.argsort(x)
     sds = np.sqrt(((direction @ fitted.roots) ** 2).sum(axis=1))
@@ -109,12 +109,12 @@ def _difference(z: Array, weights: Array, fitted: Mixture, direction: Array) -> 
 class RunArrays:
     """The mixtures of R runs have `log_weights (R, C)`, -inf in padding, `means` and `covariances`.
 
-    `roots` times their transposes are the inverse covariances.  `log_norms (R, C)` are the logarithms
-    of weight times density at the mean of each component, up to a constant.
+    `roots` times their transposes are the inverse covariances.  `log_norms (R, C)` are the logs of
+    weight times density at the mean of each component, up to a constant.
     `mean (R, K)` and `covariance (R, K, K)` are the moments of each run alone, and `rig (R,)` is the
-    index of its rig among `n_rigs`.
-    `design (R, p)` has the covariates, NaN where missing.  `precision (p,)` is the prior precision of
-    the coefficients of covariates in units of Sigma^-1; zero means a flat prior.
+    index of each run's rig among `n_rigs`.
+    `design (R, p)` has the covariates, NaN where missing.  `precision (p,)` is the prior precision
+    of the coefficients of covariates in units of Sigma^-1; zero means a flat prior.
     """
 
     log_weights: Array
@@ -133,7 +133,7 @@ class RunArrays:
 def run_arrays(
     runs: Sequence[RunMixture], rig: Indices, offset: Array, design: Array, precision: Array
 ) -> RunArrays:
-    """Stack the mixtures of all runs in padded arrays, with `offset (R, K)` subtracted from the means."""
+    """Stack the mixtures of runs in padded arrays; `offset (R, K)` is subtracted from the means."""
     n_runs, n_products = offset.shape
     width = max(len(run.log_weights) for run in runs)
     log_weights, means = np.full((n_runs, width), -np.inf), np.zeros((n_runs, width, n_products))

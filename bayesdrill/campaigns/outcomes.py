@@ -1,9 +1,8 @@
 """Describe a fitted population: its products and runs, the next run, and the nominal table.
 
 All levels, spreads and intervals are in natural logarithms of the products, so that 0.05 is about 5 %.
-A spread is half the width of the interval that holds the central 68 % of the runs.  For a normal
-distribution the spread is the standard deviation.  A few foreign runs hardly change the spread, because
-they make only the tails of the t distribution wider.
+A spread is half the width of the interval that holds the central 68 % of the runs.  It is the
+standard deviation of normal runs.  A few foreign runs widen the tails, but hardly the spread.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from bayesdrill.basics.arrays import Array, StoredArray
 from bayesdrill.campaigns.mixture import RunArrays
 from bayesdrill.campaigns.population import NominalRange, PopulationDraws, sds_of
 
-SAME_RUNS = 0.05  # a nominal value agrees if more than this fraction of runs is at least as far away
+SAME_RUNS = 0.05  # a nominal value agrees if `probability` is larger, see `TableComparison`
 FALSE_OUTLIERS = 0.01  # expected number of false outliers in a campaign without foreign runs
 FOLLOWERS = 20  # number of simulated next runs for each draw of the population
 
@@ -49,7 +48,7 @@ class TableComparison:
     nominal: logarithm of the nominal value, and its tolerance
     offset: the centre of the population minus the nominal value
     probability: probability that another run is at least as far from the median run as the nearest
-        value within the tolerance
+        end of the tolerance; 1 if the tolerance contains the median run
     agrees: whether `probability` exceeds `SAME_RUNS`
     """
 
@@ -67,7 +66,7 @@ class ProductPopulation:
     centre: level at the end of the campaign, with noted columns at their averages
     spread: spread of the runs of one rig
     rig_spread: spread of the levels of rigs, None if there is only one rig
-    next_run: log product of the next run, with a new rig if there are several rigs
+    next_run: log product of the next run, on a new rig if there are several rigs
     table: comparison with the nominal value, None if there is none
     """
 
@@ -81,7 +80,7 @@ class ProductPopulation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigLevel:
-    """A rig has a level of a log product, and a prediction of this log product in the rig's next run."""
+    """A rig has a level of a log product, and a prediction of the log product in the next run."""
 
     rig: str
     product: str
@@ -257,9 +256,9 @@ def run_outcomes(
 ) -> tuple[RunOutcome, ...]:
     """Describe each run alone, and relative to the population of all other runs.
 
-    `labels` are pairs of name and rig, and `errors` the errors of the runs' mixtures.  To leave a run
-    out, each of M draws has the weight 1 / (likelihood of the run), but at most sqrt(M) times the mean
-    weight (Ionides 2008).
+    `labels` are pairs of name and rig, and `errors` the errors of the runs' mixtures.  To leave out
+    a run, each of M draws has the weight 1 / (likelihood of the run), but at most sqrt(M) times the
+    mean weight (Ionides 2008).
     """
     alone, covariance = data.mean, data.covariance
     design = np.nan_to_num(data.design[:, data.design.shape[1] - draws.slopes.shape[1] :])

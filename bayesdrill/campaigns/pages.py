@@ -59,7 +59,7 @@ def page_name(run: str) -> str:
 
 
 def known_reasons(folder: Path, marks: Mapping[str, str]) -> dict[str, str]:
-    """Return the reasons by run, without outdated pages: `marks` are those of the present draws."""
+    """Return the reasons by run, from pages of runs whose draws still have these `marks`."""
     reasons = dict[str, str]()
     for run, mark in marks.items():
         path = (folder / page_name(run)).with_suffix(".json")
@@ -109,7 +109,7 @@ def _link(record: CampaignRecord, run: str, x: float, y: float) -> Link:
 
 
 def write_runs(plan: CampaignPlan, population: PopulationFit, folder: Folder) -> None:
-    """Write `runs.parquet`: the estimates of each run alone and in the population, in logs of SI."""
+    """Write `runs.parquet`: estimates of each run alone and in the population, in logs of SI."""
     import pyarrow
 
     known, runs = {run.name: run for run in plan.runs}, population.runs

@@ -26,14 +26,14 @@ from bayesdrill.campaigns.mixture import RunArrays
 from bayesdrill.sampling.convergence import Convergence, Targets, assess, chain_length
 
 CENTRAL = float(scipy.special.ndtr(1.0))  # standard normal distribution function at 1
-FIRST_CHECK = 800  # sweeps before the first check of convergence
+FIRST_CHECK = 800  # number of sweeps before the first check of convergence
 NO_SPREAD = 1e-3  # added to sds whose logarithms are checked, as smaller sds need not converge
-MOST_STATES = 2000  # upper limit of stored states of a chain; beyond it, every other state is dropped
+MOST_STATES = 2000  # upper limit of stored states of a chain; then every other state is dropped
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NominalRange:
-    """A nominal value has the logarithm `value`; its tolerance is from `low` to `high`, also logarithms."""
+    """A nominal value has the logarithm `value`, and a tolerance from `low` to `high`, in logs."""
 
     value: float
     low: float
@@ -49,7 +49,7 @@ class PopulationSettings:
     targets: targets at which the sampler stops
     max_sweeps: largest number of sweeps of each chain
     chains: number of chains
-    draws: upper limit of the number of draws of the population, of all chains
+    draws: largest number of draws that all chains together return
     """
 
     spread_scale: float = 0.1
@@ -62,11 +62,11 @@ class PopulationSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PopulationDraws:
-    """M draws of the population have its parameters, each of shape `(M, ...)`, and results for R runs.
+    """M draws of the population have its parameters, arrays `(M, ...)`, and results for R runs.
 
     `covariance` is Sigma, `rig_covariance` is Sigma_rig (zero with one rig), and `levels` are eta_g.
-    `log_likelihood (M, R)` is the contribution of each run.  `shrunk (R, K)` and `shrunk_sd (R, K)` are
-    the means and sds of log products of runs as members of the population.
+    `log_likelihood (M, R)` has the term of each run.  `shrunk` and `shrunk_sd (R, K)` are the means
+    and sds of the log products of runs as members of the population.
     """
 
     mean: Array
@@ -142,7 +142,7 @@ def _population_draws(
     checked: Convergence,
     rng: np.random.Generator,
 ) -> PopulationDraws:
-    """Stack the states of all chains; with one rig, its level is the first row of the coefficients."""
+    """Stack the states of all chains; the level of a single rig is the first row of coefficients."""
     log_likelihood = np.zeros((len(states), len(data.rig)))
     shrunk, spread = np.zeros_like(data.mean), np.zeros_like(data.mean)
     for m, state in enumerate(states):
@@ -177,7 +177,7 @@ def _population_draws(
 
 
 def _trace(data: RunArrays, state: GibbsState) -> Array:
-    """Return the checked numbers: coefficients, means, log sds, artanh of correlations, and log nu."""
+    """Return the checked numbers: coefficients, means, log sds, artanh of correlations, log nu."""
     parts = [state.slopes.ravel()]
     roots = [state.root] if data.n_rigs == 1 else [state.root, state.rig_root]
     if data.n_rigs > 1:

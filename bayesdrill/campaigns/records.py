@@ -21,7 +21,7 @@ from bayesdrill.config.job import Job, assemble
 from bayesdrill.config.records import sources
 from bayesdrill.results import provenance
 
-# Ratios of units that are easily exchanged, by the words of a message.
+# Ratios of units that are easily exchanged; the keys are words of a message.
 EXCHANGED: Mapping[str, float] = {
     "rpm and rad/s": 30.0 / math.pi,
     "degrees and radians": 180.0 / math.pi,
@@ -46,7 +46,7 @@ KnownRecords = dict[str, KnownRecord]  # by the name of the run
 
 
 def base_job(plan: CampaignPlan, digests: Mapping[str, str]) -> Job:
-    """Return the job of the base config; without a record of its own, that of the first good run."""
+    """Return the job of the base config or, if its record is missing, of the first good run."""
     case = loading.validate(plan.base)
     if all(path.exists() for path in sources.paths(case.experiments[0])):
         return assemble(case)
@@ -74,7 +74,7 @@ def run_job(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None = 
 
 
 def overridden(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return entries merged with `changes` as for an experiment; the value None removes an entry."""
+    """Return entries merged with `changes`, as in an experiment; None removes an entry."""
 
     def remove(entries: dict[str, Any], changes: Mapping[str, Any]) -> None:
         for key, value in changes.items():
@@ -98,8 +98,8 @@ def check_runs(
 
     Return for each run a digest of all inputs that determine its draws, and notes.
 
-    If there is a list `problems`, mistakes are added to this list and not raised.  Records in `known`
-    are only read again if their files have changed, and new records are added to `known`.
+    If `problems` is given, mistakes are added to this list and not raised.  Records in `known` are
+    read again only if their files have changed, and new records are added to `known`.
     """
     issues = list[Issue]() if problems is None else problems
     records = KnownRecords() if known is None else known
@@ -143,7 +143,7 @@ def check_runs(
 
 
 def stamp_of(path: Path) -> tuple[int, ...]:
-    """Return size, time of modification [ns], device and inode of a file; zeros if it is missing."""
+    """Return size, modification time [ns], device and inode of a file; zeros if it is missing."""
     try:
         status = path.stat()
     except (OSError, ValueError):
@@ -163,7 +163,7 @@ def digest_of(text: str) -> str:
 
 
 def _exchanged_units(spreads: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
-    """Yield a sentence for each channel of a run whose unit seems to differ from other runs."""
+    """Yield a sentence for each channel whose unit in a run seems to differ from other runs."""
     for channel in dict.fromkeys(name for each in spreads.values() for name in each):
         sds = {run: x for run, each in spreads.items() if (x := each.get(channel, 0.0)) > 0.0}
         middle = float(np.median([*sds.values()])) if sds else 1.0

@@ -1,4 +1,4 @@
-"""List the runs of a campaign: files of a glob, rows of a table, or entries of the campaign's file."""
+"""List the runs of a campaign from a glob, from a table, or from the campaign's own file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NO_PARQUET = "Parquet, in which a campaign keeps its draws,"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignRun:
-    """A run has a name, the `path` of its record, and `noted` covariates by the name of their column.
+    """A run has a name, the `path` of its record, and covariates `noted` by column.
 
     `time` [s] is the time since the first run.  `changes` are the entries in which the run's config
     differs from the base config.  `place` is the line or file that lists the run.
@@ -160,7 +160,7 @@ def _listed(source: Source, spec: CampaignSpec, issues: list[Issue]) -> Listed:
             raise source.error(("runs",), message)
         return _table_rows(folder / runs, spec, issues)
     if spec.noted:
-        message = "a glob has no columns; name a table of runs, with a column `file` and the noted columns"
+        message = "a glob has no columns; name a table with the column file and the noted columns"
         issues.append(source.issue(("noted",), message))
     inside = "" if Path(runs).is_absolute() else f"{glob.escape(str(folder))}/"
     matches = sorted(glob.iglob(inside + runs, recursive=True), key=natural_key)
@@ -266,7 +266,7 @@ def _times(listed: Listed, spec: CampaignSpec, issues: list[Issue]) -> Sequence[
     if len(blank) == len(listed):
         return [None] * len(listed)
     issues += [
-        Issue(run.place, "has no time, and other runs have; give a time for all runs or for none") for run in blank
+        Issue(run.place, "has no time, and other runs have; give all or none") for run in blank
     ]
     seconds, kinds = list[float](), set[str]()
     for run, time in listed:
@@ -305,7 +305,7 @@ def _repeated(runs: Sequence[CampaignRun]) -> Iterable[Issue]:
     names, files = dict[str, CampaignRun](), dict[str, CampaignRun]()
     times = dict[tuple[str, float], str]()
     for run in runs:
-        path = os.path.abspath(run.path)  # `resolve` would access each file, which may be a million
+        path = os.path.abspath(run.path)  # `resolve` would access each of possibly a million files
         if path in files:
             other = files[path].place
             yield Issue(run.place, f"{run.path} is a run already ({other}); take out one of them")

@@ -102,7 +102,7 @@ CHART = (
 def campaign_sections(
     record: CampaignRecord, ending: str = "png", links: tuple[Link, ...] = ()
 ) -> tuple[Section, ...]:
-    """Build the sections of a campaign, the verdict first; `links` belong to points of its figure."""
+    """Build the sections of a campaign, the verdict first; `links` are on points of its figure."""
     population, doubts, steady = record.population, record.unbelievable, not record.alarms
     tone: Tone = "bad" if doubts else "good" if steady else "doubt"
     badge = "not to be believed" if doubts else "steady" if steady else "needs a look"
@@ -136,7 +136,7 @@ def _lines(sentences: list[str]) -> str:
 
 
 def population_csv(population: PopulationFit) -> str:
-    """Return CSV with a line for each product, with all digits, in natural logarithms of SI values."""
+    """Return CSV with a line for each product: all digits, in natural logarithms of SI values."""
     histories = {chart.product: chart.history for chart in population.charts}
     lines = list[dict[str, object]]()
     for p in population.populations:
@@ -184,7 +184,7 @@ def run_sections(
 
 
 def likely_reason(outcome: RunOutcome, causes: Causes | None) -> str:
-    """Return the likely reason why a run is an outlier or does not fit; empty if neither is true."""
+    """Return the likely reason why a run is an outlier or does not fit; empty if neither."""
     if causes is None:
         alone = "its record fits by itself, so the rig or its state differed"
         return alone if outcome.outlier else ""

@@ -25,9 +25,9 @@ DIGITS = 8  # significant digits of true parameters
 
 
 def simulate_campaign(path: Path, seed: int | None, *, force: bool = False) -> dict[Path, int]:
-    """Write records, table of runs and `truth.csv` of a campaign; return the number of samples by file.
+    """Write records, table of runs and `truth.csv` of a campaign; return sample counts by file.
 
-    The entry `runs:` names the table.  Raises `InputError` with all mistakes before anything is written.
+    `runs:` names the table.  Raises `InputError` with all mistakes before anything is written.
     """
     source, spec = read_spec(path)
     asked, table = _asked(source, spec)

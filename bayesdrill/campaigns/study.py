@@ -36,7 +36,7 @@ OUTLIERS = "outliers"  # stands for all outliers in `--page`
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignOutcome:
-    """A finished campaign has a folder, a record of its results, and the text for the terminal, `said`.
+    """A finished campaign has a folder, results, and the text for the terminal, `said`.
 
     `reasons` say why the results must not be believed.
     """
@@ -56,11 +56,11 @@ def run_campaign(
     known: KnownRecords | None = None,
     asked: Sequence[str] = (),
 ) -> CampaignOutcome:
-    """Run a campaign into `output`; raises `Interrupted` when asked to stop.
+    """Run a campaign with results in the folder `output`; raises `Interrupted` if stopped.
 
     A page is made for each run that `asked` names; the name `OUTLIERS` stands for all outliers.
 
-    `known` caches records that were read.  If it is given, bad records are left out without an error.
+    `known` caches records that were read.  If given, bad records are left out without an error.
     """
     _need_parquet(plan)
     names = [run.name for run in plan.runs]
@@ -103,7 +103,7 @@ def _need_parquet(plan: CampaignPlan) -> None:
 
 
 def _marks(plan: CampaignPlan) -> dict[str, str]:
-    """Return by name the common inputs of all runs, which must not change; the list of runs may."""
+    """Return by name the inputs that all runs share.  They must not change, but the runs may."""
     base = digest_of(repr(plan.base.data))
     versions = {f"{VERSION_OF}{name}": x for name, x in software.installed_versions().items()}
     settings = {"the seed": str(plan.spec.seed), "effort": str(plan.spec.effort)}
@@ -208,7 +208,7 @@ def kept_record(folder: Path) -> CampaignRecord | None:
 
 
 def _nominal(job: Job, reference: Reference) -> dict[str, NominalRange]:
-    """Return logs of nominal values of products, and tolerances, if all parameters have a value."""
+    """Return the nominal range of each product whose parameters all have a nominal value."""
     problem, products = job.problem, dict[str, NominalRange]()
     for name, exponents in zip(reference.products, reference.exponents, strict=True):
         powers = {n: e for n, e in zip(reference.names, exponents, strict=True) if e}

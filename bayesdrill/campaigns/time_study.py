@@ -1,22 +1,22 @@
 """Distinguish a constant level, a steady drift, sudden changes and a random walk of a log product.
 
-The estimate of run i, in order of time, is y_i = h_i' b + level_i + e_i.  The error e_i is normal with
-variance s^2 + c_i: s is the spread of runs, and c_i the variance of the estimate from the record.  The
-coefficients b of regressors h (rigs and noted columns) have wide normal priors.  Four descriptions of
-the level are compared by their evidence, summed over grids of s, of the moment of a change, and of q:
+The estimate of run i, in order of time, is y_i = h_i' b + level_i + e_i.  The error e_i is normal
+with the variance s^2 + c_i; s is the spread of runs, and c_i the variance due to the record.
+Coefficients b of regressors h (rigs and noted columns) have wide normal priors.  Four descriptions
+of the level are compared by evidence, summed over grids of s, of the moment of a change, and of q:
 
     constant   level = 0
     drift      level = d (t_i - t_last) / (t_last - t_first),  d ~ N(0, SIZE^2)
-    changes    level = sum of sizes of the changes before i,   size ~ N(0, SIZE^2), all moments alike
+    changes    level = sum of sizes of the changes before i,   size ~ N(0, SIZE^2), any moment alike
     walk       level_i - level_(i-1) ~ N(0, q^2 (t_i - t_(i-1)) / (t_last - t_first))
 
-Except for the grids, all is exact linear-Gaussian algebra: cumulative sums over runs give the evidence
-of a change at every moment (Smith 1975), and a Kalman filter gives the evidence of the walk.  Changes
-are added one at a time, until a further change is improbable.
+Except for the grids, all is exact linear-Gaussian algebra: cumulative sums over runs give the
+evidence of a change at every moment (Smith 1975), and a Kalman filter the evidence of the walk.
+Changes are added one at a time, until a further change is improbable.
 
-Any run may be foreign, with the prior probability FOREIGN; FOREIGN_SD^2 is then added to the variance
-of its e_i.  The evidence is summed over sets of foreign runs, chosen among the runs farthest from their
-neighbours in time.  A foreign run is thus not mistaken for a change, and does not hide a change.
+Any run may be foreign, with the prior probability FOREIGN; FOREIGN_SD^2 is then added to the
+variance of e_i.  The evidence is summed over sets of foreign runs, among those farthest from their
+neighbours in time.  So a foreign run is not mistaken for a change, and does not hide a change.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ HALF_T_FREEDOM = 2.0  # degrees of freedom of the half-t prior of s, as for the 
 SPREAD_SCALE = 0.03
 SMALLEST_SPREAD = 1e-5  # lower limit of the sd that scales the grid of s, so that sums keep digits
 REGRESSOR_SD = 10.0  # prior sd of the coefficients of regressors
-MIN_SPREADS, MAX_SPREADS = 12, 40  # bounds of the number of grid values of s, which grows as sqrt(R)
+MIN_SPREADS, MAX_SPREADS = 12, 40  # bounds of the number of grid values of s
 WALKS = 8  # number of grid values of q
-NEIGHBOURS = 4  # A run far from the medians of this many runs before and after it may be foreign.
+NEIGHBOURS = 4  # number of runs in the medians before and after a run, see `_series`
 MAD_FACTOR = 2.0  # sd of normal runs divided by the median of `deviation` in `_series`
 FOREIGN = 0.03  # prior probability that a run is foreign
 FOREIGN_SD = 0.2  # additional prior sd of a foreign run about the level, in logs
@@ -80,7 +80,7 @@ class LevelHistory:
     drift: mean of a steady drift over the campaign, in logs
     drift_sd: standard deviation of that drift, in logs
     changes: sudden changes in order of time
-    walk_sd: mean of the standard deviation of a random walk over the campaign, in logs
+    walk_sd: mean of q, the standard deviation of a random walk over the campaign, in logs
     level: mean of the level of a random walk at each run, at average regressors
     level_sd: standard deviation of that level
     """
@@ -121,7 +121,7 @@ def ramp(t: Array) -> Array:
 
 
 def step(run: int, count: int) -> Array:
-    """Return the column of a change, for `count` runs: -1 before index `run`, and 0 from `run` on."""
+    """Return the column `(count,)` of a change: -1 before index `run`, and 0 from `run` on."""
     return np.asarray(np.where(np.arange(count) < run, -1.0, 0.0))
 
 
@@ -129,7 +129,7 @@ def step(run: int, count: int) -> Array:
 class _Series:
     """Estimates `y (R,)` at times `t (R,)` in order have regressors `h (R, p)` with prior sds `(p,)`.
 
-    `variance (n, R)` is that of the errors, for n pairs of an s and a set of foreign runs.  These pairs
+    `variance (n, R)` has error variances for n pairs of an s and a set of foreign runs.  The pairs
     have prior log probabilities `log_prior (n,)`.
     """
 
@@ -206,7 +206,7 @@ def level_history(t: Array, y: Array, variance: Array, regressors: Array) -> Lev
 
 
 def _series(t: Array, y: Array, c: Array, h: Array) -> _Series:
-    """Make the grid of s and of those sets of foreign runs that are probable for any description."""
+    """Make the grid of s, and of sets of foreign runs that are probable for any description."""
     residuals = y - h @ np.linalg.lstsq(h, y, rcond=None)[0]
     deviation = np.minimum(_distance(residuals), _distance(residuals[::-1])[::-1])
     sd = max(MAD_FACTOR * float(np.median(deviation)), SMALLEST_SPREAD)
@@ -245,7 +245,7 @@ def _series(t: Array, y: Array, c: Array, h: Array) -> _Series:
 
 
 def _foreign_sets(deviation: Array) -> Array:
-    """Return masks `(n, R)` of sets of runs that may be foreign, given distances from neighbours."""
+    """Return masks `(n, R)` of sets of runs that may be foreign: those of largest `deviation`."""
     n_runs = len(deviation)
     rank = np.argsort(np.argsort(-deviation, kind="stable"))
     most = int(MOST_FOREIGN * n_runs)
@@ -256,17 +256,16 @@ def _foreign_sets(deviation: Array) -> Array:
 
 
 def _distance(residuals: Array) -> Array:
-    """Return each run's distance from the median of the runs before it; infinite for the first."""
+    """Return each run's distance from the median of runs just before it; infinite for the first."""
     padded = np.pad(residuals[:-1], (NEIGHBOURS, 0), constant_values=np.nan)
     before = np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS)
     return np.asarray(np.abs(residuals - np.append(np.inf, np.nanmedian(before[1:], axis=1))))
 
 
 def _moments(series: _Series) -> tuple[Array, Array, Array]:
-    """Return log evidence, mean size and variance of size of a change before each run: `(n, R - 1)`.
+    """Return log evidence, mean and variance of the size of a change before each run, `(n, R - 1)`.
 
-    The evidence is multiplied by the priors of `log_prior` and of the moment.  No change is possible
-    between equal times.
+    The evidence includes `log_prior` and the moment's prior, which is zero between equal times.
     """
     base = _fit(series.y, series.h, series.variance, series.prior_sd)
     weights = 1.0 / series.variance
@@ -291,8 +290,7 @@ def _moments(series: _Series) -> tuple[Array, Array, Array]:
 def _find_changes(series: _Series, log_constant: float) -> tuple[float, list[int], list[float]]:
     """Add changes while a further change is probable.
 
-    Returns the log evidence of one or more changes, the first run after each change, and the
-    probability of each change.
+    Returns the log evidence of at least one change, and first run and probability of each change.
     """
     runs: list[int] = []
     probabilities: list[float] = []
@@ -318,7 +316,7 @@ def _find_changes(series: _Series, log_constant: float) -> tuple[float, list[int
 
 
 def _change(series: _Series, runs: list[int], k: int, probability: float) -> LevelChange:
-    """Describe change `k` by the posterior of its moment and size, given the other changes' moments."""
+    """Describe change `k` by the posterior of its moment and size, given the other moments."""
     for other in runs[:k] + runs[k + 1 :]:
         series = series.with_column(step(other, len(series.t)))
     log_p, size, variance = _moments(series)
@@ -383,9 +381,9 @@ def _filter(
 ) -> tuple[Array, Array, Array, Array]:
     """Run the Kalman filter of a level over `columns (R, c)` at each of G pairs of s and q.
 
-    `variance (R, G)` is that of the errors, `step (R, G)` the variance of the walk's increment after
-    each run, and `start` the variance of the first level.  Returns innovations `(R, G, c)` and their
-    variances `(R, G)`, and filtered levels and their variances, of the same shapes.
+    `variance (R, G)` is the variance of errors, `step (R, G)` the variance that the walk gains
+    after each run, and `start` the variance of the first level.  Returns innovations `(R, G, c)`,
+    their variances `(R, G)`, filtered levels `(R, G, c)`, and the variances of levels `(R, G)`.
     """
     n_runs, n_pairs = variance.shape
     innovations = np.empty((n_runs, n_pairs, columns.shape[1]))

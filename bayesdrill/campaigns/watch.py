@@ -68,7 +68,7 @@ def _listing(plan: CampaignPlan) -> frozenset[str]:
 
 
 def _state(plan: CampaignPlan, listing: frozenset[str], bad: list[Path]) -> tuple[object, ...]:
-    """Return a state that changes if the listing, the campaign's files or bad records change."""
+    """Return a value that changes if the listing, the campaign's files or bad records change."""
     runs, path = plan.spec.runs, plan.source.path
     table = path.parent / runs if isinstance(runs, str) else path
     return (listing, *map(stamp_of, (path, table, *bad)))
@@ -82,5 +82,5 @@ def _wait_until_written(plan: CampaignPlan, known: KnownRecords) -> None:
 
 
 def _subject(alarm: Alarm) -> tuple[str, str, str]:
-    """Return the subject of an alarm: its sentence has numbers, which change with each run."""
+    """Return kind, run and product of an alarm; numbers in its sentence change with each run."""
     return alarm.kind, alarm.run, alarm.product

@@ -15,10 +15,10 @@ from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PresentKnowledge:
-    """Present knowledge has `draws (W, D)` for a design, draws `checked (C, D)` for limits, and a precision.
+    """Present knowledge has `draws (W, D)` for a design, and draws `checked (C, D)` for limits.
 
-    `precision (m, m)` is the inverse covariance of the simulator's unknowns on natural scales.  `source`
-    is "the prior" or "the posterior".  If `gaussian` is false, the precision approximates the priors.
+    `precision (m, m)` is the inverse covariance of the simulator's unknowns on natural scales.  It
+    approximates the priors if `gaussian` is false.  `source` is "the prior" or "the posterior".
     """
 
     draws: StoredArray

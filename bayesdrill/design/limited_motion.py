@@ -1,4 +1,4 @@
-"""Check the limits of a rig between the samples of its record, and penalise larger waveforms."""
+"""Check the limits of a rig, also between samples, and penalise waveforms that break limits."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KEPT_SHARE = 0.99  # smallest fraction of draws that must keep all limits
 TOLERANCE = 1e-6  # relative amount by which a limited quantity may exceed its limit
 HALVINGS = 8  # number of bisections between an allowed and a forbidden waveform
 FINEST = 8000  # upper limit of the samples at which limits are checked, unless the record has more
-CHANGED = 0.01  # a rate is fine enough if doubling it changes limited quantities by less, relatively
+CHANGED = 0.01  # a rate is fine enough if doubling it changes sizes by a smaller fraction
 SEARCH_TIMES = 250  # approximate number of instants of a record at which a search checks limits
 
 
@@ -37,7 +37,7 @@ class LimitCheck:
     def between_samples(
         cls, coming: ComingExperiment, limits: tuple[RigLimit, ...], theta: Array
     ) -> LimitCheck:
-        """Return a check at a rate that resolves peaks if levels alternate between both ends."""
+        """Return a check at a rate that resolves peaks for alternating `low` and `high` levels."""
         check, source = cls(coming, limits, theta), coming.source
         levels = np.where(np.arange(source.count) % 2, source.low, source.high)
         sizes = check.sizes(theta[:4], levels)
@@ -50,7 +50,7 @@ class LimitCheck:
         return check
 
     def sizes(self, theta: Array, levels: Array) -> Array:
-        """Return the largest absolute values `(L,)` of the limited quantities at draws `theta (W, D)`."""
+        """Return the largest absolute values `(L,)` of the limited quantities at `theta (W, D)`."""
         return np.asarray(np.abs(self.limited(theta, levels)).max(axis=(0, 1), initial=1e-300))
 
     def limited(self, theta: Array, levels: Array) -> Array:
@@ -102,7 +102,7 @@ class LimitCheck:
         return np.asarray(~within.all(axis=1))
 
     def shorten(self, start: Array, end: Array) -> Array:
-        """Return the allowed waveform that is nearest to `end` on the line from `start` to `end`."""
+        """Return the allowed waveform nearest to `end` on the line from `start` to `end`."""
         if self.kept_share(end) >= KEPT_SHARE:
             return end
         low, high = 0.0, 1.0
@@ -116,7 +116,7 @@ class LimitCheck:
 class LimitPenalty:
     """The penalty of a linear rig is the sum of squared excesses of limits at draws `theta (W, D)`.
 
-    States are linear in the levels, so that integrals of powers [W] are quadratic forms.  Other limits
+    States are linear in the levels, so integrals of powers [W] are quadratic forms.  Other limits
     are checked at some instants of each hold interval, most of them near its beginning.
     """
 
@@ -137,7 +137,7 @@ class LimitPenalty:
         self._size = check.sizes(theta, np.full(count, max(source.low, source.high, key=abs)))
 
     def _draw(self, theta: Array, times: Array) -> tuple[Array, Array]:
-        """Return states `(t, S + 1, X)` at `times`, and quadratic forms `(L, S + 1, S + 1)` of integrals."""
+        """Return states `(t, S + 1, X)` at `times`, and forms `(L, S + 1, S + 1)` of integrals."""
         check, count = self._check, self._check.coming.source.count
         still, *pulses = (check.coming.motion(theta, u)[1][0] for u in np.eye(count + 1)[:, 1:])
         states = np.stack([still, *(pulse - still for pulse in pulses)], axis=1)

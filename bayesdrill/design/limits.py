@@ -47,7 +47,7 @@ class RigLimit:
     ) -> Any:
         """Return the limited quantity `(W, T, 1)`, with derivatives if states and inputs are duals.
 
-        Integrals are by the trapezoidal rule; inputs are constant in each sampling `interval` [s].
+        The trapezoidal rule gives integrals; inputs are constant in each sampling `interval` [s].
         """
         if not self.integral:
             return self.formula.value({**constant, **states, **driven})
@@ -69,7 +69,7 @@ class RigLimit:
         constant: Mapping[str, Any],
         interval: float,
     ) -> Array:
-        """Return Q `(R, R)` for which the integral over all samples is x' Q x, with signals `(T, R) @ x`.
+        """Return Q `(R, R)`: the integral over all samples is x' Q x for signals `(T, R) @ x`.
 
         The first element of x is one.
         """
@@ -105,7 +105,7 @@ class RigLimit:
 
 
 def excess(limited: Array, limits: Sequence[RigLimit]) -> Array:
-    """Return the excesses of quantities `(..., L)`: positive above `high`, negative below `low`, or 0."""
+    """Return excesses of quantities `(..., L)`: positive above `high`, negative below `low`, else 0."""
     low = np.array([limit.low for limit in limits])
     high = np.array([limit.high for limit in limits])
     return np.asarray(np.maximum(limited - high, 0.0) + np.minimum(limited - low, 0.0))
@@ -135,7 +135,7 @@ def parse_limits(
             )
             moving = [each for each in formula.names if each in (*states, *inputs)]
             if inner and not limit.is_quadratic(moving):
-                raise ValueError("only a formula of degree two in states and inputs, a power, can be integrated")
+                raise ValueError("integrate only a power, of degree two in states and inputs")
             limits.append(limit)
         except ValueError as error:
             shown = str(error)

@@ -1,10 +1,9 @@
-"""Predict standard deviations after a coming record, under the actual priors.
+"""Predict standard deviations after a coming record, with exact instead of Gaussian priors.
 
-If a coming record does not determine a direction, the posterior follows the priors and their ends,
-which a Gaussian approximation would miss.  The likelihood near a draw is approximated by a Gaussian
-in the unknowns on natural scales.  Its product with the priors is sampled by elliptical slice
-sampling, which needs no tuning (Murray, Adams and MacKay 2010).  Some samples are simulated, and moved
-to the curved ridge of the likelihood by a Gauss-Newton step.
+If a coming record does not determine a direction, the posterior follows the priors and their ends.
+The likelihood near a draw is approximated by a Gaussian in the unknowns on natural scales.  Its
+product with the priors is sampled by elliptical slices (Murray, Adams and MacKay 2010).  Some
+samples are simulated, and moved to the likelihood's curved ridge by a Gauss-Newton step.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ SIMULATED = 256  # number of samples that are moved to the ridge, divided among 
 def promise(
     posterior: Posterior, known: PresentKnowledge, slopes: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return relative sds `(k,)` of targets with `slopes (W, k, m)` after the record of `posterior`.
+    """Return relative sds `(k,)` of targets with `slopes (W, k, m)` after the posterior's record.
 
     The sds are geometric means over draws.  The second result is the information `(W, m, m)` of the
     record at each draw.
@@ -41,7 +40,7 @@ def promise(
         points = _moved(space, np.repeat(theta[None], len(linear), axis=0), linear)
         beyond = study.changes(theta, points) - linear @ rows[w].T
         back = np.linalg.solve(gain[w] + known.precision, rows[w].T @ beyond.T).T
-        # All samples give an sd with little noise; the simulated samples give its correction factor.
+        # All samples give an sd with little noise; simulated samples give its correction factor.
         sds[w] *= ((linear - back) @ slopes[w].T).std(axis=0) / (linear @ slopes[w].T).std(axis=0)
     return geometric_mean(sds), gain
 
@@ -74,7 +73,7 @@ def geometric_mean(sds: Array) -> Array:
 def sample_deviations(
     space: ParameterSpace, known: PresentKnowledge, gain: Array, rng: np.random.Generator
 ) -> Array:
-    """Return deviations `(S, W, C, m)` from W draws on natural scales: S steps of C chains for each.
+    """Return deviations `(S, W, C, m)` from draws on natural scales: S steps of C chains per draw.
 
     `gain (W, m, m)` is the information of a record at each draw.
     """
@@ -84,7 +83,7 @@ def sample_deviations(
     bases, logs = draws.repeat(chains, axis=0), _logs(space, m)
 
     def log_weight(points: Array, here: Indices) -> Array:
-        """Return the log of the ratio of the priors to their Gaussian approximation."""
+        """Return log(priors / Gaussian approximation of the priors)."""
         if known.gaussian:
             return np.zeros(len(points))
         gaussian = 0.5 * ((points @ known.precision) * points).sum(axis=1)

@@ -39,9 +39,9 @@ class ComingExperiment:
 
     @classmethod
     def like(cls, observation: Observation, source: SourceLimits) -> ComingExperiment:
-        """Return the experiment with the input of `source`; other measured inputs are held at their means.
+        """Return the experiment with `source`; all other measured inputs are held at their means.
 
-        Constants are kept, and means are added to constants of the same name, as in `SensitivityStudy`.
+        A mean is added to a constant input of the same name, as in `SensitivityStudy`.
         """
         recorded, t = observation.experiment, source.t
         constant = dict(recorded.constant)
@@ -88,7 +88,7 @@ class ComingExperiment:
         return with_states(self.observation.experiment, states, alone=self._states_alone)
 
     def _with_channels(self, shown: Array) -> Array:
-        """Return channels, then states, from the result `shown` of a simulator of `_shown`."""
+        """Return channels, then states, from the output `shown` of the simulator."""
         if not self._states_alone:
             return shown
         states = self.observation.response.model.states
@@ -120,14 +120,14 @@ class ComingExperiment:
         return self.observation.response.of(driven).course(*at)[1]
 
     def whitened(self, slopes: Array, theta: Array) -> Array:
-        """Return slopes `(n, T, K)` whitened by the noise at `theta (D,)`, reshaped to `(n, T K)`."""
+        """Return slopes `(n, T, K)`, whitened by the noise at `theta (D,)`, as `(n, T K)`."""
         rows = self.observation.whitened_jacobian_at(slopes, theta)
         return np.asarray(rows.reshape(len(rows), -1))
 
 
 @dataclass(frozen=True, kw_only=True)
 class TargetCovariance:
-    """Covariances follow from derivatives `slopes (W, k, m)` of targets and a prior `precision (W, m, m)`."""
+    """Covariances follow from `slopes (W, k, m)` of targets and a prior `precision (W, m, m)`."""
 
     slopes: Array
     precision: Array

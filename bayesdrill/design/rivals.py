@@ -1,9 +1,9 @@
 """Design an experiment that distinguishes a model from a rival, fitted to the same record.
 
 The rival's signals are linearised in its unknowns, near its fit of the expected record.  The
-difference between the signals of both models then acts as the slope of an additional unknown with the
-value one.  The information on this unknown is the sum of squared whitened differences that the rival
-cannot fit (T-optimality; Atkinson and Fedorov 1975).  The search maximises this information.
+difference between the signals of both models then acts as the slope of an additional unknown, of
+value one.  The information on this unknown is the sum of squared whitened differences that the
+rival cannot fit (T-optimality; Atkinson and Fedorov 1975).  The search maximises this information.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from bayesdrill.sampling.gauss_newton import gauss_newton
 FIRST_STARTS = 4  # number of starts of the first fit to each draw; later fits start at its result
 FIT_STEPS = 25  # number of Gauss-Newton steps of a fit
 ROUNDS = 2  # number of rounds (fit, then search), as the rival's best fit depends on the waveform
-LEAST_INFORMATION = 1e-6  # lower limit of the information on the difference, which keeps log odds finite
+LEAST_INFORMATION = 1e-6  # lower limit of information; keeps the odds of equal signals finite
 LEAST_LOG_ODDS = 1.0  # a design with lower expected log odds does not distinguish the models
 
 
@@ -152,7 +152,7 @@ def _check_comparable(problem: Problem, rival: Problem, request: DesignRequest) 
 def fitted_rivals(
     ours: Posterior, theirs: Posterior, draws: Array, starts: Sequence[Array]
 ) -> tuple[Array, Array]:
-    """Fit a rival to the signals at each of `draws (W, D)`; `starts` has arrays `(n, E)` for each draw.
+    """Fit a rival to the signals at each of `draws (W, D)`, starting at its `starts (n, E)`.
 
     Returns the sums of squared whitened residuals `(W,)`, and the fitted unknowns `(W, E)`.
     """

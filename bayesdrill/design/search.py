@@ -1,9 +1,9 @@
 """Search the levels that minimise the criterion within all limits.
 
 For a linear rig a bounded quasi-Newton method (L-BFGS-B; Byrd, Lu, Nocedal and Zhu 1995) has the exact
-gradient, and limits of the rig and of the slew rate are penalties.  For a rig with friction, levels
-are exchanged one after another (Meyer and Nachtsheim 1995).  Penalties are never exact, so the result
-is moved towards a waveform that keeps all limits, until enough draws keep the limits.
+gradient, and limits of the rig and of the slew rate are penalties.  For a rig with friction,
+levels are exchanged one after another (Meyer and Nachtsheim 1995).  Penalties are never exact, so
+the result is moved towards a waveform that keeps all limits, until enough draws keep them.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ REFINEMENTS = 4  # number of grids of constant levels, each six times as fine as
 def safe_waveform(check: LimitCheck, repair: Callable[[Array], Array]) -> Array:
     """Return a waveform that keeps all limits; raises `InputError` if none is found.
 
-    A grid of constant levels is tried first, and the middle of the allowed levels is returned.  If no
-    level is allowed, finer grids around the level with the least excess are tried, because the allowed
-    interval may be narrow.  If these fail too, `repair` reduces the excess of the best level.
+    A grid of constant levels is tried first, and the middle allowed level is returned.  If no level
+    is allowed, finer grids around the level with the least excess follow, as the allowed interval
+    may be narrow.  If these grids fail, too, `repair` reduces the excess of the best level.
     """
     source = check.coming.source
     ends = source.low, source.high
@@ -68,7 +68,7 @@ def usual_waveforms(
     safe: Array,
     rng: np.random.Generator,
 ) -> dict[str, Array]:
-    """Return the best waveform of each family, among waveforms shortened to keep the limits."""
+    """Return the best waveform of each family, after a move towards `safe` to keep the limits."""
     source, best = evaluation.coming.source, {}
     for name, family in FAMILIES.items():
         allowed = [check.shorten(safe, source.within(levels)) for levels in family(source, rng)]
@@ -172,9 +172,9 @@ def exchange(
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Exchange levels of the best of the `known` waveforms, which keep the limits; `safe` is not used.
+    """Exchange levels of the best `known` waveform, which keeps the limits; `safe` is unused.
 
-    In each hold interval, in random order, the best of a few levels is chosen, until none helps.
+    In random order, each hold interval gets the best of a few levels, until no exchange helps.
     """
     source = evaluation.coming.source
     best = min(known.values(), key=lambda levels: value(evaluation, levels))

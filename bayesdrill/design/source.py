@@ -11,9 +11,9 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import Issue
 from bayesdrill.record.experiment import raise_if_any, times
 
-MAX_LEVELS = 200  # upper limit of levels of a waveform; memory grows with the square of their number
+MAX_LEVELS = 200  # upper limit of levels of a waveform; memory grows with the number squared
 LEAST_MOTION = 0.05  # smallest fraction of its range that a source must cross within the record
-MAX_SAMPLES = 20_000  # upper limit of samples of a coming record, which bounds the memory of sensitivities
+MAX_SAMPLES = 20_000  # upper limit of samples of a coming record; bounds the memory of sensitivities
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +58,7 @@ class SourceLimits:
         return np.asarray(levels[..., np.minimum(held, self.count - 1)])
 
     def within(self, levels: Array) -> Array:
-        """Return levels that the source can reach: each is nearest to `levels`, given the level before."""
+        """Return the nearest levels that the source can reach, each from the level before."""
         step, before, out = self.slew * self.interval, 0.0, np.clip(levels, self.low, self.high)
         if step < math.inf:
             for k, level in enumerate(out):

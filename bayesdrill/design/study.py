@@ -34,14 +34,14 @@ from bayesdrill.design.waveforms import FREE
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.record.experiment import Experiment
 
-RECORDED, REPEATED, DESIGNED = "as recorded", "repeated", "designed"  # names in addition to the families
+RECORDED, REPEATED, DESIGNED = "as recorded", "repeated", "designed"  # in addition to families
 NOTHING: Mapping[str, float] = MappingProxyType({})
 BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignRequest:
-    """A request names its targets in `learn`; if empty, all products that can be determined are targets.
+    """A request names its targets in `learn`; empty means all products that can be determined.
 
     `family` is one of `waveforms.FAMILIES`, or `FREE`.  The number of coming experiments is
     `experiments`.
@@ -87,9 +87,9 @@ class ExperimentDesign:
 
     `criteria` are mean log determinants of the targets' covariance by waveform.  `bands (3, T, K)`
     are quantiles `BAND` of the channels in the first experiment, and `limited (3, t, L)` those of the
-    limited quantities.  `kept` is the fraction of draws that keep the limits, in the worst experiment.
-    A design against a rival model has `log_odds` by waveform, and no targets.  `variants` has sds of
-    the targets by the name of a changed experiment.
+    limited quantities.  In each experiment, at least the fraction `kept` of draws keeps the limits.
+    A design against a rival model has `log_odds` by waveform, and no targets.  `variants` has sds
+    of the targets by the name of a changed experiment.
     """
 
     request: DesignRequest
@@ -128,7 +128,7 @@ def design_experiment(
     usual = dict[str, Array]()
     precision = np.tile(known.precision, (len(known.draws), 1, 1))
     chosen = TargetCovariance(slopes=slopes, precision=precision)
-    for number in range(request.experiments):  # with the information of earlier designs
+    for number in range(request.experiments):  # each search allows for earlier designs
 
         def progress(share: float, number: int = number) -> None:
             report.update(
@@ -229,7 +229,7 @@ def _outlooks(
     posteriors: Mapping[str, Posterior],
     seed: int,
 ) -> tuple[tuple[TargetOutlook, ...], dict[str, Array]]:
-    """Return outlooks of targets, and information matrices, after records with these posteriors."""
+    """Return outlooks of targets, and information matrices, after the records of `posteriors`."""
     slopes, after, informations = visibility.slopes, {}, {}
     for name, posterior in posteriors.items():
         rng = seeds.stream(seed, "design", 2)  # the same random numbers for all waveforms

@@ -25,7 +25,7 @@ INDEPENDENT = 1e-8  # relative singular value below which targets are linearly d
 
 @dataclass(frozen=True, slots=True)
 class DesignTarget:
-    """A target is a positive quantity whose relative standard deviation the experiment shall reduce."""
+    """A target is a positive quantity whose relative sd the experiment is to reduce."""
 
     name: str
     formula: Expression
@@ -107,7 +107,7 @@ def hidden_by(slopes: Array, structure: ScalingStructure) -> tuple[Exponents, ..
 
 
 def independent(slopes: Array) -> list[int]:
-    """Return indices of targets whose `slopes (W, k, m)` at the first draw are independent of earlier targets."""
+    """Return indices of targets that do not depend on earlier targets at the first draw."""
     chosen: list[int] = []
     for k in range(slopes.shape[1]):
         values = np.linalg.svd(slopes[0, [*chosen, k]], compute_uv=False)

@@ -30,8 +30,8 @@ def variant_sds(
 ) -> dict[str, tuple[float, ...]]:
     """Return relative sds of targets with `slopes (W, k, m)` by the name of a variant.
 
-    The predicted `sds (k,)` after the `coming` experiment with levels `batch` are multiplied by ratios
-    of Gaussian sds: variant / coming experiment.  Both have the channels and noise of `recorded`.
+    The predicted `sds (k,)` of the `coming` experiment with levels `batch` are multiplied by ratios
+    of Gaussian sds: variant / coming experiment.  `recorded` has the channels and the noise.
     """
     covariance = TargetCovariance(slopes=slopes, precision=known.precision)
 

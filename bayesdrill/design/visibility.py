@@ -38,8 +38,8 @@ class TargetVisibility:
     """The k targets have relative derivatives `slopes (W, k, m)`; the `visible` ones can be learnt.
 
     For each target, `hidden_by` names the unknowns that each exact symmetry changes together with
-    the target.  `remedies` are actions that would break such a symmetry, and the factors by which the sd of
-    the target would fall.
+    the target.  `remedies` are actions that would break such a symmetry, and the factors by which
+    the sd of the target would fall.
     """
 
     targets: tuple[DesignTarget, ...]
@@ -61,7 +61,7 @@ def examine_targets(
     known: PresentKnowledge,
     rng: np.random.Generator,
 ) -> TargetVisibility:
-    """Examine the targets named in `learn`; without names, all products that a waveform can determine.
+    """Examine the targets named in `learn`; without names, all products that can be determined.
 
     Raises `InputError` if no waveform can determine any of the targets.
     """
