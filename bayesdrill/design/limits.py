@@ -105,7 +105,7 @@ class RigLimit:
 
 
 def excess(limited: Array, limits: Sequence[RigLimit]) -> Array:
-    """Return excesses of quantities `(..., L)`: positive above `high`, negative below `low`, else 0."""
+    """Return excesses of quantities `(..., L)`: positive above `high`, negative below `low`."""
     low = np.array([limit.low for limit in limits])
     high = np.array([limit.high for limit in limits])
     return np.asarray(np.maximum(limited - high, 0.0) + np.minimum(limited - low, 0.0))

@@ -13,7 +13,7 @@ from bayesdrill.record.experiment import raise_if_any, times
 
 MAX_LEVELS = 200  # upper limit of levels of a waveform; memory grows with the number squared
 LEAST_MOTION = 0.05  # smallest fraction of its range that a source must cross within the record
-MAX_SAMPLES = 20_000  # upper limit of samples of a coming record; bounds the memory of sensitivities
+MAX_SAMPLES = 20_000  # largest number of samples, which bounds the memory of sensitivities
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
