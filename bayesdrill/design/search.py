@@ -1,7 +1,7 @@
 """Search the levels that minimise the criterion within all limits.
 
-For a linear rig a bounded quasi-Newton method (L-BFGS-B; Byrd, Lu, Nocedal and Zhu 1995) has the exact
-gradient, and limits of the rig and of the slew rate are penalties.  For a rig with friction,
+For a linear rig, a bounded quasi-Newton method (L-BFGS-B; Byrd, Lu, Nocedal and Zhu 1995) has the
+exact gradient.  Limits of the rig and of the slew rate are penalties.  For a rig with friction,
 levels are exchanged one after another (Meyer and Nachtsheim 1995).  Penalties are never exact, so
 the result is moved towards a waveform that keeps all limits, until enough draws keep them.
 """
