@@ -1,10 +1,10 @@
 """Fit the many runs of a campaign, and combine their determined products as a population.
 
 `runs` lists the runs, `records` checks all records, and `fits` fits each run and keeps its draws.
-`study` does all of it.  `watch` repeats that as new files come, and `simulation` makes campaigns.
-`conclusion` says what needs a look, `charts` and `sections` show it, and `pages` writes the files.
+`study` runs these steps.  `watch` repeats them as files arrive, and `simulation` makes campaigns.
+`conclusion` finds alarms, `charts` and `sections` show the results, and `pages` writes the files.
 
-`draws` holds what is known of each run, and `interim_prior` the density under which it was sampled.
-`population` samples the population by reweighting these draws.  `time_study` looks for drift and
-changes, and `outcomes` says what follows for runs, the table and the next run; `fit` does all of it.
+`draws` holds each run's draws under the prior of `interim_prior`, and `mixture` turns these draws
+into the likelihood of the run.  `population` samples the population.  `time_study` finds drifts
+and changes, and `outcomes` describes runs, table and next run.  `fit` combines these modules.
 """

@@ -16,8 +16,8 @@ from bayesdrill.report import scales, style
 from bayesdrill.report.pages import build_page, label_outside, legend_above
 from bayesdrill.report.style import Axes, Figure
 
-MOST_LINKED = 500  # most points of a page that are links
-MOST_SHOWN = 2000  # most runs that a chart shows; outliers are always shown
+MOST_LINKED = 500  # upper limit of the number of points that are links to pages
+MOST_SHOWN = 2000  # upper limit of the number of runs in a chart, to which outliers are added
 BAR = style.fix_look(color=style.MIDDLE, linewidth=0.6, zorder=2)
 DOT = style.fix_look(color=style.BLACK, marker="o", markersize=2.2, linestyle="none")
 FOREIGN = style.fix_look(
@@ -27,7 +27,7 @@ FOREIGN = style.fix_look(
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A run has a point at `x` and `y` of a panel."""
+    """A point represents a run, at the data coordinates `x` and `y` of a panel."""
 
     run: str
     panel: Axes
@@ -42,9 +42,9 @@ def runs_figure(
     symbols: Sequence[Symbol],
     width: float = scales.DOUBLE,
 ) -> tuple[Figure, tuple[Point, ...]]:
-    """Draw a panel for each product: runs over time, or in order, in percent of the centre.
+    """Draw a panel for each product: deviations of runs from the centre in percent, over time.
 
-    Return also where the runs are.
+    Without times, the number of the run replaces the time.  Returns the figure and its points.
     """
     points = list[Point]()
     times = {run.name: run.time for run in plan.runs}
@@ -78,7 +78,7 @@ def runs_figure(
 
 
 def places(figure: Figure, points: Sequence[Point]) -> Iterator[tuple[str, float, float]]:
-    """Yield each run, and its place as fractions of a drawn figure from the upper left."""
+    """Yield run, x and y of each point: fractions of a drawn figure, from its upper left corner."""
     for point in points:
         pixels = point.panel.transData.transform((point.x, point.y))
         across, up = figure.transFigure.inverted().transform(pixels)
@@ -86,9 +86,9 @@ def places(figure: Figure, points: Sequence[Point]) -> Iterator[tuple[str, float
 
 
 def _panel(panel: Axes, population: PopulationFit, k: int, x: Array) -> Array:
-    """Draw the runs of product `k` at `x (R,)`, above the interval of a next run at their level.
+    """Draw the runs of product `k` at `x (R,)` in front of the intervals of a next run.
 
-    Return the heights of their points.
+    The intervals follow the level of the product over time.  Returns the y of the points.
     """
     known, runs = population.populations[k], population.runs
     centre = known.centre.mean

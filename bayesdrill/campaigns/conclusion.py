@@ -1,4 +1,4 @@
-"""Find the runs and products of a population that need a look, and describe them in sentences."""
+"""Find runs and products of a population that need attention, and describe them in sentences."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from bayesdrill.campaigns.fit import ControlChart, PopulationFit
 from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.section import listed
 
-MOST_NAMED = 10  # runs that a sentence names
+MOST_NAMED = 10  # largest number of runs that a sentence names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alarm:
-    """An alarm is about a run, a product, or both, in a sentence."""
+    """An alarm describes a problem of a run or a product in a sentence."""
 
     kind: str
     run: str = ""
@@ -29,15 +29,15 @@ class CampaignRecord:
     """The `campaign.json` of a finished campaign has these fields.
 
     name: the name of the campaign
-    mark: digest of all inputs of the population, which is kept while the digest is the same
+    mark: digest of all inputs of the population; while it is the same, the population is reused
     verdict: the result in one sentence
-    history: drifts, changes and walks of products, in sentences
+    history: drifts, changes and random walks of products, in sentences
     left_out: products that are not part of the population, and why
     not_used: runs that could not be sampled, or whose record is bad, and why
-    doubts: reasons not to believe the fits of runs
-    reasons: likely reasons of runs whose pages were made
-    alarms: runs and products that need a look
-    population: the population of the runs, in logs of SI
+    doubts: for each doubtful run, the reasons not to believe its fit
+    reasons: for each run whose page was made, the likely reason of its deviation, or ""
+    alarms: problems of runs and products that need attention
+    population: the population of the runs, in natural logarithms of SI values
     """
 
     name: str
@@ -53,7 +53,7 @@ class CampaignRecord:
 
     @property
     def outliers(self) -> list[Alarm]:
-        """Return the alarms of runs that do not belong to the others."""
+        """Return the alarms about outliers: runs that do not belong to the population."""
         return [alarm for alarm in self.alarms if alarm.kind == "outlier"]
 
     @property
@@ -77,7 +77,7 @@ def concluded(
     misfit: Mapping[str, tuple[str, ...]],
     reasons: Mapping[str, str],
 ) -> CampaignRecord:
-    """Return the record of a campaign; `misfit` has the reasons why residuals are not noise."""
+    """Return the record of a campaign; `misfit` says by run why residuals are not noise."""
     alarms = list[Alarm]()
     for run in population.runs:
         if run.outlier:
@@ -114,9 +114,9 @@ def concluded(
 
 
 def _findings(chart: ControlChart, timed: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield finding and details of the drift, of the walk, and of each change of a product.
+    """Yield a finding and its details for the drift, the random walk or each change of a product.
 
-    `timed` has the names of the runs in order of time.
+    `timed` are the names of the runs in order of time.
     """
     history, product = chart.history, chart.product
     probability = f"probability {100 * history.probabilities[history.best]:.0f} %"
@@ -140,7 +140,7 @@ def _verdict(
     population: PopulationFit, history: list[str], foreign: list[str], not_used: list[str]
 ) -> str:
     """Return the verdict on a campaign in one sentence."""
-    few = "too few runs have a time to see a drift"
+    few = "too few runs have a time, so drifts are not searched"
     parts = history or ["the rig is steady" if population.charts else few]
     belong = "does not belong" if len(foreign) == 1 else "do not belong"
     parts.append(f"{named(foreign)} {belong}" if foreign else "all runs belong together")
@@ -155,16 +155,16 @@ def _verdict(
 
 
 def named(names: Sequence[str]) -> str:
-    """Return the first names of a list, and how many more there are."""
+    """Return the first `MOST_NAMED` names as text, with the number of the other names."""
     more = len(names) - MOST_NAMED
     return listed(names) if more <= 0 else f"{', '.join(names[:MOST_NAMED])} and {more} more"
 
 
 def percent(log: float) -> str:
-    """Return a difference of logs in percent, with its sign."""
+    """Return a difference of logarithms as a relative change in percent, with its sign."""
     return f"{100 * np.expm1(log):+.2g} %"
 
 
 def with_sd(mean: float, sd: float) -> str:
-    """Return a difference of logs and its standard deviation, in percent."""
+    """Return a difference of logarithms and its standard deviation as percentages."""
     return f"{percent(mean)} +- {100 * sd:.2g} %"

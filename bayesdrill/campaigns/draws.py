@@ -1,7 +1,7 @@
-"""Hold the draws of the log products of each run of a campaign, under an interim prior.
+"""Hold the draws of each run's log products under an interim prior.
 
-A run is sampled once, by itself, under a prior that is only provisional (interim).  Draws and log
-density of that prior are all that the population needs of a run (Hogg, Myers and Bovy 2010).
+Each run is sampled on its own, under a provisional (interim) prior.  The population needs only the
+draws and their log density under the interim prior (Hogg, Myers and Bovy 2010).
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.campaigns.runs import CampaignRun
 
-MAX_DRAWS = 1000  # draws of a run that are used; more cost time and hardly change its weights
-MOST_ATTEMPTS = 3  # most times a run is sampled, each with another seed, until it converges
+MAX_DRAWS = 1000  # upper limit of draws that are used from each run; more hardly change its mixture
+MOST_ATTEMPTS = 3  # largest number of attempts to sample a run, each with another seed
 
 
 def evenly_spaced(count: int) -> Indices:
-    """Return at most `MAX_DRAWS` indices of `count` draws, from the first to the last."""
+    """Return at most `MAX_DRAWS` evenly spaced indices from 0 to `count - 1`."""
     return np.unique(np.linspace(0, count - 1, min(count, MAX_DRAWS)).astype(np.intp))
 
 
@@ -29,8 +29,8 @@ class FittedRun:
     log_products: draws `(S, K)` of the logarithms of the determined products
     log_interim: log density `(S,)` of the interim prior of these log products, up to a constant
     reasons: reasons not to believe the draws
-    misfit: those reasons that say why its residuals are not noise
-    attempt: number of times that it was sampled
+    misfit: the part of `reasons` that says why the residuals of the run are not noise
+    attempt: number of times that the run was sampled
     """
 
     log_products: Array
@@ -41,19 +41,19 @@ class FittedRun:
 
     @property
     def usable(self) -> bool:
-        """Return whether there are draws; else nothing could be sampled."""
+        """Return whether there are at least two draws; there are none if sampling failed."""
         return len(self.log_interim) > 1
 
     @property
     def complete(self) -> bool:
-        """Return whether the run has draws that converged, or has been sampled often enough."""
+        """Return whether the draws converged, or no further attempt is allowed."""
         sound = self.usable and len(self.reasons) == len(self.misfit)
         return sound or self.attempt >= MOST_ATTEMPTS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignDraws:
-    """A campaign has K `products`, such as "k_s/j_1", and for each of its runs a fit with draws."""
+    """A campaign has K `products`, such as "k_s/j_1", and a fit with draws for each run."""
 
     products: tuple[str, ...]
     runs: tuple[CampaignRun, ...]
@@ -66,5 +66,5 @@ class CampaignDraws:
 
     @property
     def noted(self) -> tuple[str, ...]:
-        """Return the names of all columns that were noted for any run."""
+        """Return the names of the noted columns: covariates that were recorded for any run."""
         return tuple(dict.fromkeys(name for run in self.runs for name in run.noted))

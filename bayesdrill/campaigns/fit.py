@@ -1,4 +1,4 @@
-"""Fit the population of a campaign: history over time, population, runs and rigs."""
+"""Fit the population of a campaign, its history over time, its runs and its rigs."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from bayesdrill.campaigns.population import PopulationSettings, sample_populatio
 from bayesdrill.campaigns.time_study import FOREIGN, FOREIGN_SD, LevelHistory, level_history
 from bayesdrill.sampling.convergence import Convergence
 
-MIN_RUNS = 3  # fewer runs say next to nothing about their spread
-MIN_TIMED_RUNS = 8  # fewer runs show no history
-MAX_ERROR = 0.05  # largest error of a run's mixture, in probability, that is believed
-NOTED_PRECISION = 0.1  # prior precision of a coefficient of a noted column, over that of the runs
-MAD_TO_SD = 1.4826  # sd of normal runs over their median absolute deviation
-SUSPICIOUS = 4.0  # sds from the median of its rig beyond which a run may be foreign
-ALARM = 0.05  # a constant level that is less probable than this raises an alarm
+MIN_RUNS = 3  # fewer runs hardly determine their spread
+MIN_TIMED_RUNS = 8  # with fewer different times, drifts and changes are not searched
+MAX_ERROR = 0.05  # largest acceptable `RunMixture.error`, a difference of probabilities
+NOTED_PRECISION = 0.1  # prior precision of coefficients of noted columns, relative to Sigma^-1
+MAD_TO_SD = 1.4826  # sd of a normal distribution divided by its median absolute deviation
+SUSPICIOUS = 4.0  # a run this many sds from the median of its rig may be foreign
+ALARM = 0.05  # an alarm is raised if the probability of a constant level is smaller
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlChart:
-    """A log product has a control chart over the runs with a time, in order.
+    """A control chart has the history of a log product, and a score of each run in order of time.
 
-    history: its history, and the probabilities of its descriptions
-    score: distance of each run from the median run, in standard deviations of run and population
+    history: drift, changes and random walk of the log product, with their probabilities
+    score: (run - median run) / hypot(sd of the run, spread of the population)
     alarm: whether a constant level is improbable
     """
 
@@ -51,10 +51,10 @@ class ControlChart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeaveOneOut:
-    """Each run is compared with its intervals as the population of all other runs predicts them.
+    """Each run is compared with the intervals that all other runs predict for it.
 
-    within_50: share of runs and products inside their 50 % intervals
-    within_90: share of runs and products inside their 90 % intervals
+    within_50: fraction of all pairs of run and product inside their 50 % interval
+    within_90: fraction of all pairs of run and product inside their 90 % interval
     """
 
     within_50: float
@@ -63,21 +63,21 @@ class LeaveOneOut:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PopulationFit:
-    """The population of a campaign has its history and its runs; all levels are natural logarithms.
+    """A fitted population has these fields; all levels are natural logarithms of SI values.
 
     products: names of the log products
-    populations: population of each
-    correlation: mean correlation of the products over runs, `(K, K)`
-    tails: mean of the degrees of freedom of the t distribution of runs
-    rigs: levels of the rigs, none if there is only one
-    runs: each run, by itself and in the population, in the given order
+    populations: population of each log product
+    correlation: correlation of the products over runs, from the mean of Sigma, `(K, K)`
+    tails: posterior mean of the degrees of freedom of the t distribution of runs
+    rigs: levels of the rigs; empty if there is only one rig
+    runs: each run alone and as a member of the population, in the order of the draws
     noted: effects of the noted columns
-    missing: numbers that are missing in each noted column
+    missing: number of missing values in each noted column
     ignored: noted columns that are constant or nearly empty
     timed: names of the runs with a time, in order of time
-    charts: control chart and history of each product, none without enough times
-    leave_one_out: check of the intervals for a next run
-    misdescribed: runs whose draws no mixture describes, so that the population is doubtful
+    charts: control chart of each product; empty if there are too few times
+    leave_one_out: check of the intervals that the population predicts for a run
+    misdescribed: runs whose draws no mixture describes well, which makes the population doubtful
     convergence: convergence of the chains
     """
 
@@ -105,9 +105,9 @@ def fit_population(
 ) -> PopulationFit:
     """Fit the population of all runs.
 
-    The levels of products that drift or change are taken into account: the population is that at the
-    end of the campaign.  A drift and changes have coefficients of their own in the population.  A
-    random walk is subtracted.
+    If products drift or change, the population describes the end of the campaign.  A drift and each
+    change are covariates with a coefficient.  The mean level of a random walk is subtracted from
+    the runs.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def fit_population(
     Returns
     -------
     PopulationFit
-        The population and what follows from it.  Runs in `misdescribed` make it doubtful.
+        The fitted population, which is doubtful if `misdescribed` is not empty.
 
     Raises
     ------
@@ -179,10 +179,10 @@ def fit_population(
 
 
 def _contaminated(mixtures: Sequence[RunMixture], rig: Indices) -> list[RunMixture]:
-    """Let runs that are far from the median of their rig be foreign, with the prior `FOREIGN`.
+    """Add a wide component to the mixture of each run that is far from the median of its rig.
 
-    A foreign run lies about its rig with a further variance in the products in which it is far.  So it
-    neither widens the spread of the others nor moves their centre.
+    With the prior probability `FOREIGN` such a run is foreign.  FOREIGN_SD^2 is then added to its
+    variance in the products in which it is far away, so it hardly affects spread and centre.
     """
     mean = np.array([run.mean for run in mixtures])
     for g in np.unique(rig):
@@ -206,7 +206,7 @@ def _contaminated(mixtures: Sequence[RunMixture], rig: Indices) -> list[RunMixtu
 
 
 def _noted(draws: CampaignDraws) -> tuple[Array, dict[str, int], tuple[str, ...]]:
-    """Return noted columns with mean 0 and variance 1, missing numbers of each, and ignored ones."""
+    """Return standardised noted columns, numbers of missing values, and ignored columns."""
     columns, missing, ignored = [], {}, []
     for name in draws.noted:
         x = np.array([run.noted.get(name, np.nan) for run in draws.runs])
@@ -222,7 +222,7 @@ def _noted(draws: CampaignDraws) -> tuple[Array, dict[str, int], tuple[str, ...]
 
 
 def _order_of_time(draws: CampaignDraws) -> Indices:
-    """Return the runs with a time in its order; none if there are too few different times."""
+    """Return indices of runs with a time, in order of time; empty with too few different times."""
     times = np.array([np.nan if run.time is None else run.time for run in draws.runs])
     order = np.argsort(times, kind="stable")[: int(np.isfinite(times).sum())]
     return order if len(np.unique(times[order])) >= MIN_TIMED_RUNS else order[:0]
@@ -231,7 +231,7 @@ def _order_of_time(draws: CampaignDraws) -> Indices:
 def _histories(
     draws: CampaignDraws, data: RunArrays, noted: Array, order: Indices
 ) -> tuple[LevelHistory, ...]:
-    """Study each log product over time, with rigs and noted columns as regressors."""
+    """Return the history of each log product, with rigs and noted columns as regressors."""
     if len(order) == 0:
         return ()
     mean, covariance = data.mean, data.covariance
@@ -248,9 +248,9 @@ def _histories(
 def _trends(
     histories: tuple[LevelHistory, ...], draws: CampaignDraws, order: Indices
 ) -> tuple[Array, Array, Array]:
-    """Return offsets of runs by walks `(R, K)`, columns of drifts and changes, and sds ahead `(K,)`.
+    """Return levels of walks `(R, K)`, columns of drifts and changes, and walks' final sds `(K,)`.
 
-    All are zero at the end of the campaign.  Runs without a time count as at the end.
+    Levels and columns are zero at the end of the campaign, and for runs without a time.
     """
     n_runs, n_products = len(draws.runs), len(draws.products)
     offset, extra_sd = np.zeros((n_runs, n_products)), np.zeros(n_products)
@@ -273,7 +273,7 @@ def _charts(
     outcomes: tuple[RunOutcome, ...],
     order: Indices,
 ) -> tuple[ControlChart, ...]:
-    """Return the control chart of each product, about the median run."""
+    """Return the control chart of each product, whose scores are relative to the median run."""
     charts = []
     for k, history in enumerate(histories):
         alone, sd = (

@@ -42,19 +42,19 @@ from bayesdrill.tasks.ladder import search
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
 FORM = 1  # version of the files of draws
-SEARCHES = 3  # searches of a run: one from the reference, the others from draws of the prior
-WALKERS = 64  # most walkers of an ensemble; the wanted draws need no more
+SEARCHES = 3  # searches of a run's maximum: one starts at the reference, the others at prior draws
+WALKERS = 64  # upper limit of walkers, but at least 4 per unknown; the wanted draws need no more
 BATCH = 200  # number of runs whose records are in memory at the same time
 INTERIM = "log_interim"
-BEYOND = "its draws are beyond the priors"
+BEYOND = "its draws lie outside the priors"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
-    """The reference of a campaign is the maximum of its base config.
+    """The reference of a campaign is the posterior maximum of the base config, at `values`.
 
-    Searches of all runs begin at its `values`.  `products` are those that its record determines without
-    priors, with powers `exponents` of the unknowns `names`.  `left_out` says why others are not used.
+    Searches of all runs begin there.  `products`, with powers `exponents` of unknowns `names`, are
+    determined by the base record without priors.  `left_out` has other products, with the reason.
     """
 
     names: tuple[str, ...]
@@ -66,10 +66,10 @@ class Reference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckedCampaign:
-    """The records of a campaign are checked, and the maximum of its base config is known.
+    """The records of a campaign are checked, and its reference is known.
 
     job: the job of the base config
-    marks: for each run whose record is good, a digest of all that decides its draws
+    marks: for each run whose record is good, a digest of all inputs that determine its draws
     """
 
     plan: CampaignPlan
@@ -79,7 +79,7 @@ class CheckedCampaign:
 
 
 def find_reference(job: Job, crew: RefitExecutor) -> Reference:
-    """Search the maximum of the base config, and say what it determines; raises `InputError`."""
+    """Find the reference; raises `InputError` if the base record determines no product."""
     mode = crew.submit(search, job.problem.posterior, fit_plan(job)).result()
     posterior = job.with_steps_at(mode).problem.posterior
     sensitivity = SensitivityStudy(posterior.likelihood)
@@ -112,7 +112,7 @@ def shown_products(
 ) -> tuple[KnownProduct, ...]:
     """Return independent products that the record determines without the priors of other unknowns.
 
-    Ends of these priors may narrow a product of which the record alone knows little.
+    A product is not returned if only the ends of these priors narrow it.
     """
     simple = simple_exponents(len(prior_sd))
     share = information.bounds_of(simple) / np.linalg.norm(simple * prior_sd, axis=1)
@@ -124,7 +124,7 @@ def _why_not(known: KnownProduct) -> str:
     if not np.isfinite(known.bound):
         return "no such record determines it, so only its priors are known"
     alone, prior = (f"{100 * sd:.2g} %" for sd in (known.bound, known.prior_sd))
-    return f"the base record alone knows it to {alone}, and the priors to {prior}"
+    return f"its sd is {alone} from the base record alone, and {prior} from the priors"
 
 
 def seed_of(plan: CampaignPlan, run: CampaignRun, attempt: int = 1) -> int:
@@ -134,7 +134,7 @@ def seed_of(plan: CampaignPlan, run: CampaignRun, attempt: int = 1) -> int:
 
 
 def run_plan(plan: CampaignPlan, run: CampaignRun, job: Job, attempt: int = 1) -> FitPlan:
-    """Return how a run is fitted: as in a calibration, with as many effective draws as wanted."""
+    """Return the plan of a run's fit: that of a calibration, with `effort` effective draws."""
     settings, given = job.config.calibration, fit_plan(job)
     effort = float(plan.spec.effort)
     targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=settings.n_tau, ess=effort)
@@ -149,7 +149,7 @@ def run_plan(plan: CampaignPlan, run: CampaignRun, job: Job, attempt: int = 1) -
 
 
 def fit_run(posterior: Posterior, plan: FitPlan, reference: Reference) -> FittedRun:
-    """Fit a run in a worker, with searches that begin at the reference."""
+    """Fit a run in a worker process; the first search of its maximum begins at the reference."""
     names, powers = posterior.space.free, np.array(reference.exponents, dtype=float)
     columns = [names.index(name) for name in reference.names]
     posterior = started_at(posterior, reference.values)
@@ -162,7 +162,7 @@ def fit_run(posterior: Posterior, plan: FitPlan, reference: Reference) -> Fitted
     logs = np.log(draws[evenly_spaced(len(draws))][:, columns]) @ powers.T
     priors = [posterior.space.priors[name] for name in reference.names]
     log_interim = log_density_of_products(logs, powers, priors)
-    sure = np.isfinite(log_interim)  # none elsewhere, as the quadrature has no node at their ends
+    sure = np.isfinite(log_interim)  # draws at ends of priors may lie beyond all nodes
     summaries = residual_summaries(posterior.likelihood, posterior.space.vector(mode.values))
     misfit = residual_reasons(summaries)
     return FittedRun(
@@ -174,7 +174,7 @@ def fit_run(posterior: Posterior, plan: FitPlan, reference: Reference) -> Fitted
 
 
 def started_at(posterior: Posterior, values: Mapping[str, float]) -> Posterior:
-    """Return the posterior whose search begins at `values`, where the priors allow them."""
+    """Return the posterior with start values `values`, except those outside their prior."""
     space = posterior.space
     unknowns = tuple(
         replace(unknown, start=x) if unknown.prior.low < x < unknown.prior.high else unknown
@@ -191,7 +191,7 @@ def started_at(posterior: Posterior, values: Mapping[str, float]) -> Posterior:
 
 @dataclass(frozen=True, slots=True)
 class _Stage(Silent):
-    """A stage counts the finished runs of all batches."""
+    """A stage shows the fraction `share` of finished runs in all batches."""
 
     report: Reporter
     share: Callable[[], float]
@@ -207,13 +207,13 @@ class _Stage(Silent):
 def fit_runs(
     campaign: CheckedCampaign, folder: Path, crew: RefitExecutor, report: Reporter
 ) -> None:
-    """Fit the good runs of which `folder` has no draws, and write each as soon as it is done.
+    """Fit the good runs without complete draws in `folder`; write draws whenever a run is done.
 
-    The draws of a run depend on its record, its name and the reference alone.
+    The draws of a run do not depend on other runs.
     """
     plan, reference, marks = campaign.plan, campaign.reference, campaign.marks
     runs = [run for run in plan.runs if run.name in marks]
-    attempts = dict[str, int]()  # of those that are to be sampled
+    attempts = dict[str, int]()  # number of the coming attempt of each run to be sampled
     for run in runs:
         kept = read_draws(folder, run.name, marks[run.name])
         if kept is None or not kept.complete:
@@ -251,25 +251,25 @@ def fit_runs(
 
 
 def draws_marks(digests: Mapping[str, str], reference: Reference) -> dict[str, str]:
-    """Return, for each run, a digest of all that decides its draws; see `records.run_digest`."""
+    """Return, for each run, a digest of all inputs that determine its draws; see `run_digest`."""
     known = json.dumps(asdict(reference), sort_keys=True)
     return {name: digest_of(f"{digest} {known}") for name, digest in digests.items()}
 
 
 def path_of(folder: Path, name: str) -> Path:
-    """Return the path of a run's draws; a number stands for the name, which may be no file name."""
+    """Return the path of a run's draws; a number replaces the name, which may be no file name."""
     return folder / DRAWS / f"{number_of(name)}.parquet"
 
 
 def number_of(name: str) -> int:
-    """Return the number that stands for a run in the names of its files, a digest of its name."""
+    """Return the number in the file names of a run, which is a digest of the run's name."""
     return int(digest_of(name)[:14], 16)
 
 
 def write_draws(
     folder: Path, name: str, mark: str, reference: Reference, fitted: FittedRun
 ) -> None:
-    """Write the draws of a run, a column for each log product, with its name and its reasons."""
+    """Write the draws of a run, a column for each log product; name and reasons are metadata."""
     import pyarrow
 
     columns: dict[str, Any] = dict(zip(reference.products, fitted.log_products.T, strict=True))
@@ -283,7 +283,7 @@ def write_draws(
 
 
 def write_parquet(path: Path, table: Any) -> None:
-    """Write a pyarrow table as Parquet; the file is never seen half-written."""
+    """Write a pyarrow table as Parquet, so that no reader sees an incomplete file."""
     from pyarrow import BufferOutputStream, parquet
 
     sink = BufferOutputStream()
@@ -292,7 +292,7 @@ def write_parquet(path: Path, table: Any) -> None:
 
 
 def read_draws(folder: Path, name: str, mark: str) -> FittedRun | None:
-    """Return the draws of a run; None if they are missing, damaged, or of another record."""
+    """Return the draws of a run; None if they are missing, damaged, or made from other inputs."""
     from pyarrow import ArrowException, parquet
 
     path = path_of(folder, name)
@@ -316,7 +316,7 @@ def read_draws(folder: Path, name: str, mark: str) -> FittedRun | None:
 
 
 def kept_draws(campaign: CheckedCampaign, folder: Path) -> Iterator[tuple[CampaignRun, FittedRun]]:
-    """Yield all runs that are fitted, with their draws."""
+    """Yield each fitted run with its draws."""
     for run in campaign.plan.runs:
         mark = campaign.marks.get(run.name)
         fitted = None if mark is None else read_draws(folder, run.name, mark)
@@ -327,10 +327,10 @@ def kept_draws(campaign: CheckedCampaign, folder: Path) -> Iterator[tuple[Campai
 def determined_products(
     campaign: CheckedCampaign, fitted: Mapping[str, FittedRun]
 ) -> tuple[CheckedCampaign, Mapping[str, FittedRun]]:
-    """Return the campaign with those products that most runs determine, and the runs' draws of them.
+    """Return campaign and draws with only those products that more than half of the runs determine.
 
-    A run determines a product if its draws are narrower than the prior by the share of `identify:`.
-    Draws of fewer products have another interim prior, which is integrated over the others.
+    A run determines a product if sd(draws) / sd(prior) is below `determined` of `identify:`.
+    The interim prior of the remaining products is the marginal density of the former prior.
     Raises `InputError` if no product remains.
     """
     reference, job = campaign.reference, campaign.job
@@ -347,8 +347,9 @@ def determined_products(
         if k not in kept
     }
     if not kept:
-        message = f"most runs determine none of the products {', '.join(few)}"
-        raise InputError.at(str(job.source.path), f"{message}; leave out those runs")
+        message = f"no product ({', '.join(few)}) is determined by more than half of the runs"
+        way_out = "leave out runs that determine none of them"
+        raise InputError.at(str(job.source.path), f"{message}; {way_out}")
     draws = dict[str, FittedRun]()
     for run in campaign.plan.runs:
         if run.name in fitted:

@@ -1,10 +1,10 @@
 """Update the population of a campaign by its conditional distributions (Gibbs sampling).
 
-A t distribution is a normal one whose precision has a gamma distribution.  For each run, a component of
-its mixture and such a precision are drawn first, with its log products integrated out.  Given these,
-all else is normal: coefficients and levels, and then the log products of each run.  Covariances have the
-prior of Huang and Wand (2013): half-t standard deviations, uniform correlations.  A covariate that was
-not noted is an unknown with a standard normal prior.
+A t distribution is a normal distribution whose precision has a gamma distribution.  For each run, a
+mixture component and this precision are drawn first, with the run's log products integrated out.
+Given both, coefficients and levels are normal, and then the log products of each run are normal.
+Covariances have the prior of Huang and Wand (2013): half-t standard deviations and uniform
+correlations.  A missing covariate is an unknown with a standard normal prior.
 """
 
 from __future__ import annotations
@@ -18,20 +18,21 @@ import scipy
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.campaigns.mixture import RunArrays
 
-HALF_T_FREEDOM = 2.0  # degrees of freedom of the prior of sds; two make correlations uniform
-FREEDOMS = np.geomspace(2.0, 200.0, 14)  # values of nu; with 200 the tails are normal
-BATCH = 1 << 19  # numbers in memory at a time
-RIG_UPDATES = 8  # updates of the spread of rigs in a sweep, as a few rigs hardly determine it
-PRECISION_NODES = 24  # nodes of the quadrature over the precision of a run
-CUT_MASS = 1e-9  # mass of that precision beyond each end of the quadrature
-LEAST_STEP, MOST_STEP = 0.05, 2.0  # bounds of a Metropolis step in the logarithm of a spread
+HALF_T_FREEDOM = 2.0  # degrees of freedom of the half-t prior of sds; 2 makes correlations uniform
+FREEDOMS = np.geomspace(2.0, 200.0, 14)  # grid of nu; at 200 the tails are practically normal
+BATCH = 1 << 19  # approximate number of elements of a temporary array
+RIG_UPDATES = 8  # number of updates of the rigs' mean and covariance in each sweep
+PRECISION_NODES = 24  # number of quadrature nodes for the precision of a run
+CUT_MASS = 1e-9  # probability of a precision below the first node, and above the last
+LEAST_STEP, MOST_STEP = 0.05, 2.0  # bounds of the sd of a Metropolis step of log spread
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GibbsState:
-    """A chain has this state: `root root'` is the inverse of Sigma, `rig_root rig_root'` of Sigma_rig.
+    """A chain has this state: Sigma^-1 = root root' and Sigma_rig^-1 = rig_root rig_root'.
 
-    `scales (K,)` are the auxiliary numbers of the prior of the sds, and `design (R, p)` has no gaps.
+    `scales (K,)` and `rig_scales (K,)` are auxiliary variables of Huang and Wand's prior.  `design`
+    `(R, p)` contains drawn values for missing covariates.
     """
 
     slopes: Array
@@ -50,7 +51,7 @@ class GibbsState:
 
 
 def log_t(squares: Array, nu: Array | float, n_products: int) -> Array:
-    """Return the log density of a standard t at squared distances, with `nu` degrees of freedom."""
+    """Return the log density of a standard t in K dimensions at squared distances from zero."""
     half = 0.5 * (nu + n_products)
     norm = scipy.special.gammaln(half) - scipy.special.gammaln(0.5 * np.asarray(nu))
     norm = norm - 0.5 * n_products * np.log(np.pi * np.asarray(nu))
@@ -58,7 +59,7 @@ def log_t(squares: Array, nu: Array | float, n_products: int) -> Array:
 
 
 def start(data: RunArrays, spread_scale: float, rng: np.random.Generator) -> GibbsState:
-    """Start a chain at the runs' means, with standard deviations off by a random factor."""
+    """Return a random start near the median of the runs, with their sds times random factors."""
     means = data.mean
     n_runs, n_products = means.shape
     sds = (means.std(axis=0) + 0.1 * spread_scale) * np.exp(0.5 * rng.standard_normal(n_products))
@@ -101,7 +102,7 @@ def sweep(
     count = len(z) + int((data.precision > 0).sum())
     root, scales = _update_covariance(scatter, count, state.scales, spread_scale, rng)
     squares = ((residuals @ root) ** 2).sum(axis=1)
-    # Juarez and Steel's (2010) prior of nu, Gamma(2, 1/10), on a grid of its logarithm
+    # Juarez and Steel's (2010) prior of nu, Gamma(2, 1/10), on an even grid of log nu
     log_p = log_t(squares[:, None], FREEDOMS, len(root)).sum(axis=0)
     log_p += 2.0 * np.log(FREEDOMS) - FREEDOMS / 10.0
     p = np.exp(log_p - log_p.max())
@@ -111,10 +112,10 @@ def sweep(
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Each run has chosen a component of its mixture, with `means (R, K)`, and its `precision (R,)`.
+    """For each run, a mixture component with `means (R, K)` and a `precision (R,)` are drawn.
 
-    With the columns of `axes (R, K, K)` as coordinates, Sigma is the unit matrix, and the covariance
-    of the component is diagonal, with `variance (R, K)`.
+    The columns of `axes (R, K, K)` define coordinates in which Sigma is the unit matrix, and the
+    covariance of the component is diagonal with `variance (R, K)`.
     """
 
     means: Array
@@ -123,18 +124,18 @@ class Chosen:
     precision: Array
 
     def draw(self, centres: Array, root: Array, rng: np.random.Generator) -> Array:
-        """Draw the log products of each run, `(R, K)`, about its centre."""
+        """Draw the log products `(R, K)` of all runs, given their means `centres (R, K)`."""
         apart = ((self.means - centres)[:, None, :] @ self.axes)[:, 0]
-        share = 1.0 / (1.0 + self.variance * self.precision[:, None])  # weight of the run itself
+        share = 1.0 / (1.0 + self.variance * self.precision[:, None])  # weight of the run's mean
         moved = share * apart + np.sqrt(share * self.variance) * rng.standard_normal(apart.shape)
         covariance = np.linalg.inv(root @ root.T)
         return np.asarray(centres + (self.axes @ moved[..., None])[..., 0] @ covariance)
 
 
 def choose(data: RunArrays, state: GibbsState, rng: np.random.Generator) -> tuple[Chosen, Array]:
-    """Choose a component and a precision for each run, given the population.
+    """Draw a mixture component and a precision for each run, given the population.
 
-    Returns both, and the log likelihood `(R,)` that each run gives the population.
+    Returns both, and the contribution `(R,)` of each run to the population's log likelihood.
     """
     nodes, log_mass = _precisions(state.nu)
     (n_runs, width, n_products), centres = data.means.shape, state.centres(data.rig)
@@ -165,17 +166,17 @@ def choose(data: RunArrays, state: GibbsState, rng: np.random.Generator) -> tupl
 def _rescale(
     data: RunArrays, state: GibbsState, z: Array, spread_scale: float, rng: np.random.Generator
 ) -> tuple[GibbsState, Array]:
-    """Stretch the spread and all runs along each product in turn, by Metropolis steps.
+    """Multiply the spread and all runs' deviations by a common factor, one product after another.
 
-    The other updates change spreads little while the runs are fixed, and runs little while the spreads
-    are fixed (Yu and Meng 2011).
+    Without these Metropolis steps chains mix slowly: for given runs, spreads change little, and for
+    given spreads, runs change little (Yu and Meng 2011).
     """
     n_products, centres = z.shape[1], state.centres(data.rig)
     size = np.exp(rng.uniform(np.log(LEAST_STEP), np.log(MOST_STEP), n_products))
     steps = size * rng.standard_normal(n_products)
     log_uniform = np.log(rng.random(n_products))
     root, before = state.root.copy(), _log_likelihood(data, z)
-    common = data.precision > 0  # coefficients whose prior has the covariance of the runs
+    common = data.precision > 0  # coefficients whose prior covariance is proportional to Sigma
     slopes, width = state.slopes[common], np.sqrt(data.precision[common])[:, None]
     power = HALF_T_FREEDOM + n_products - 1 + len(slopes)
     for k, step in enumerate(steps):
@@ -194,7 +195,7 @@ def _rescale(
 
 
 def _draw_scales(root: Array, spread_scale: float, rng: np.random.Generator) -> Array:
-    """Draw the auxiliary numbers of the prior of the sds, given the inverse covariance."""
+    """Draw the auxiliary variables of the prior, given a root of the inverse covariance."""
     rate = HALF_T_FREEDOM * (root**2).sum(axis=1) + spread_scale**-2.0
     return np.asarray(rate / rng.gamma(0.5 * (HALF_T_FREEDOM + len(root)), size=len(root)))
 
@@ -210,7 +211,7 @@ def _log_likelihood(data: RunArrays, z: Array) -> float:
 def _precisions(nu: float) -> tuple[Array, Array]:
     """Return nodes and log masses of a gamma distribution with mean 1 and shape `nu / 2`.
 
-    The trapezoidal rule in the logarithm is accurate for far outliers, too, whose precision is small.
+    The trapezoidal rule in the logarithm is also accurate for far outliers, of small precision.
     """
     half = 0.5 * nu
     low, high = (
@@ -225,7 +226,7 @@ def _precisions(nu: float) -> tuple[Array, Array]:
 def _impute(
     data: RunArrays, state: GibbsState, z: Array, weights: Array, rng: np.random.Generator
 ) -> GibbsState:
-    """Draw the covariates that were not noted from their conditional normal distributions."""
+    """Draw the missing covariates from their conditional normal distributions."""
     missing = np.isnan(data.design)
     if not missing.any():
         return state
@@ -243,7 +244,7 @@ def _impute(
 def _update_coefficients(
     data: RunArrays, state: GibbsState, chosen: Chosen, rng: np.random.Generator
 ) -> GibbsState:
-    """Draw the coefficients, then the levels of several rigs, with log products integrated out."""
+    """Draw coefficients and, with several rigs, levels of rigs; log products are integrated out."""
     slopes, levels, x = state.slopes, state.levels, state.design
     inverse = state.root @ state.root.T
     scale = 1.0 / (chosen.variance + 1.0 / chosen.precision[:, None])
@@ -272,7 +273,7 @@ def _normal(precision: Array, moment: Array, rng: np.random.Generator) -> Array:
 
 
 def _update_rigs(state: GibbsState, spread_scale: float, rng: np.random.Generator) -> GibbsState:
-    """Draw the mean of the rigs and their covariance, given their levels."""
+    """Draw the mean and the covariance of the rigs' levels, given these levels."""
     (n_rigs, n_products), levels = state.levels.shape, state.levels
     mean, rig_root, scales = state.mean, state.rig_root, state.rig_scales
     for _ in range(RIG_UPDATES):
@@ -286,7 +287,7 @@ def _update_rigs(state: GibbsState, spread_scale: float, rng: np.random.Generato
 def _update_covariance(
     scatter: Array, count: int, scales: Array, spread_scale: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Draw a root of the precision, given `scatter (K, K)` of `count` residuals, and new scales."""
+    """Draw root and scales of a covariance, given `scatter (K, K)` of `count` residuals."""
     n_products = len(scatter)
     root = np.linalg.cholesky(np.linalg.inv(scatter + np.diag(2.0 * HALF_T_FREEDOM / scales)))
     freedom = HALF_T_FREEDOM + n_products - 1 + count

@@ -1,13 +1,13 @@
-"""Compute the density that priors of parameters give to the logarithms of products.
+"""Compute the density of log products that follows from the priors of the parameters.
 
 The K log products are z = A x, where x are the logs of D unknowns with independent priors.  K of the
-unknowns, with the square block A_d, follow from z and the D - K others:
+unknowns, x_d with the square block A_d, follow from z and the D - K free unknowns x_f (block A_f):
 
     p(z) = integral of p_d(A_d^-1 (z - A_f x_f)) p_f(x_f) dx_f / |det A_d|.
 
-Along one free unknown the ends of all priors are known exactly, so Gauss-Legendre quadrature between
-them is accurate.  Further free unknowns take quantiles of their priors at the points of a lattice.
-These nodes are the same for all z, so that the density is continuous in z.
+Along the first free unknown, the interval inside all priors is known exactly, so Gauss-Legendre
+quadrature over this interval is accurate.  The other free unknowns are quantiles of their priors at
+lattice points.  The lattice is the same for all z, so that the density is continuous in z.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ import scipy
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.priors import Prior
 
-INNER_NODES = 24  # quadrature nodes along the first free unknown
-OUTER_NODES = 509  # lattice points over the other free unknowns, a prime number
+INNER_NODES = 24  # number of quadrature nodes along the first free unknown
+OUTER_NODES = 509  # number of lattice points for the other free unknowns, a prime
 CUT_MASS = 1e-10  # prior mass beyond each end of the quadrature
-BATCH = 1 << 20  # numbers in memory at a time
+BATCH = 1 << 20  # approximate number of elements of a temporary array
 
 
 @dataclass(frozen=True, slots=True)
 class _FreeUnknowns:
-    """Logs of all unknowns at nodes are `z @ by_product.T + offset (O, D) + v * direction (D,)`.
+    """The logs of all unknowns are `z @ by_product.T + offset (O, D) + v * direction (D,)`.
 
     `v` is the log of the first free unknown; all logs lie between `low` and `high (D,)`.
-    `outer` are the columns whose priors the lattice integrates.
+    `outer` are the columns of the other free unknowns, whose values the lattice sets.
     """
 
     by_product: Array
@@ -61,7 +61,7 @@ def log_density_of_products(
     Returns
     -------
     array, shape (S,)
-        The log density; -inf where no unknowns inside their priors give these products.
+        The log density; -inf if no unknowns inside their priors give these products.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def log_density_of_products(
 
 
 def _free_unknowns(matrix: Array, priors: Sequence[Prior]) -> _FreeUnknowns:
-    """Choose the free unknowns, and place the nodes of all but the first."""
+    """Choose the free unknowns, and set all except the first to lattice points."""
     count, width = matrix.shape
     order = scipy.linalg.qr(matrix, mode="r", pivoting=True)[1]
     determined, first, outer = order[:count], order[count], order[count + 1 :]
@@ -108,7 +108,7 @@ def _free_unknowns(matrix: Array, priors: Sequence[Prior]) -> _FreeUnknowns:
 
 
 def _lattice(dimension: int) -> Array:
-    """Return points `(O, n)` of a Kronecker lattice in the unit cube; one point without dimensions."""
+    """Return points `(O, n)` of a Kronecker lattice in the unit cube; a single point if n = 0."""
     if dimension == 0:
         return np.zeros((1, 0))
     golden = 2.0
@@ -140,7 +140,7 @@ def _integral(free: _FreeUnknowns, priors: Sequence[Prior], log_products: Array)
 
 
 def _log_prior(priors: Sequence[Prior], logs: Array) -> Array:
-    """Return the joint log density over the logs `(..., D)` of unknowns, without their axis."""
+    """Return the joint log density `(...)` of the logs `(..., D)` of unknowns."""
     with np.errstate(over="ignore"):
         parts = [
             prior.logpdf(np.exp(x)) + x

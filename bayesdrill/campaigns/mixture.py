@@ -1,9 +1,9 @@
 """Describe the likelihood of a run's log products by a mixture of normal distributions.
 
-The draws of a run, weighted by one over the density of their interim prior, are draws of its
-normalised likelihood.  The mixture is fitted to them by expectation maximisation, with the number of
-components that has the least BIC.  A population may be narrower than the posterior of a run, in many
-products.  Then few draws of the run lie inside it, but the smooth mixture has a value everywhere.
+The draws of a run, with weights 1 / (density of the interim prior), represent the normalised
+likelihood of the run.  A mixture is fitted to the weighted draws by expectation maximisation, with
+the number of components that has the least BIC.  If a population is narrower than the posterior of
+a run, few draws lie inside the population, but the smooth mixture has a value everywhere.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from bayesdrill.sampling.samplers.independence import (
 )
 
 MAX_COMPONENTS = 6
-ITERATIONS = 200  # most iterations of expectation maximisation
-TOLERANCE = 1e-4  # gain of the mean log density at which it stops
-INDEPENDENT = 0.5  # share of the kept draws that counts in the BIC, since they are autocorrelated
-CRITICAL = 1.63  # critical value of a Kolmogorov-Smirnov test at 1 %, times sqrt(draws)
-VARIANCE_FLOOR = 1e-6  # share of the variance of all draws that is added to that of a component
-LEAST_SD = 1e-9  # least sd of a log product, so that the covariance of very few draws is regular
+ITERATIONS = 200  # largest number of iterations of expectation maximisation
+TOLERANCE = 1e-4  # iterations stop if the mean log density grows by less
+INDEPENDENT = 0.5  # fraction of effective draws that the BIC counts; draws are autocorrelated
+CRITICAL = 1.63  # critical value of a Kolmogorov-Smirnov test at 1 %, times sqrt(number of draws)
+VARIANCE_FLOOR = 1e-6  # variance added to a component, relative to the variance of all draws
+LEAST_SD = 1e-9  # lower limit of the sd of a log product; keeps the covariance of few draws regular
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,8 @@ class RunMixture:
     """A run has a mixture with `log_weights (C,)`, `means (C, K)` and `covariances (C, K, K)`.
 
     `mean (K,)` and `covariance (K, K)` are the moments of the weighted draws.  `error` is the
-    largest difference, beyond chance, between the distribution functions of draws and mixture.  It
-    is taken over all products, and over directions in which the draws are uncorrelated.
+    largest difference between the distribution functions of draws and mixture, minus its critical
+    value.  It is evaluated for each product, and along directions with uncorrelated draws.
     """
 
     log_weights: Array
@@ -59,7 +59,7 @@ def describe(draws: Array, log_interim: Array) -> RunMixture:
     root = np.linalg.cholesky(covariance)
     z = scipy.linalg.solve_triangular(root, centred.T, lower=True).T
     n_products, count = z.shape[1], INDEPENDENT * effective_count(weights)
-    size = (n_products + 1) * (n_products + 2) / 2  # parameters of a component
+    size = (n_products + 1) * (n_products + 2) / 2  # number of parameters of a component
     best, least = _fitted(z, weights, 1)[0], np.inf
     for components in range(1, min(MAX_COMPONENTS, int(count / size)) + 1):
         fitted, mean_log = _fitted(z, weights, components)
@@ -96,7 +96,7 @@ def _fitted(z: Array, weights: Array, components: int) -> tuple[Mixture, float]:
 
 
 def _difference(z: Array, weights: Array, fitted: Mixture, direction: Array) -> float:
-    """Return the largest difference of distribution functions along a direction."""
+    """Return the largest difference of the two distribution functions along a direction."""
     x = z @ direction
     order = np.argsort(x)
     sds = np.sqrt(((direction @ fitted.roots) ** 2).sum(axis=1))
@@ -109,12 +109,12 @@ def _difference(z: Array, weights: Array, fitted: Mixture, direction: Array) -> 
 class RunArrays:
     """The mixtures of R runs have `log_weights (R, C)`, -inf in padding, `means` and `covariances`.
 
-    `roots` times their transposes are the inverse covariances, and `log_norms (R, C)` the logarithms
-    of weights times densities at the means, up to a constant.
+    `roots` times their transposes are the inverse covariances.  `log_norms (R, C)` are the logs of
+    weight times density at the mean of each component, up to a constant.
     `mean (R, K)` and `covariance (R, K, K)` are the moments of each run alone, and `rig (R,)` is the
-    index of its rig among `n_rigs`.
-    `design (R, p)` has the covariates, NaN where missing, and `precision (p,)` the prior precision of
-    their coefficients in units of 1 / Sigma; zero is a flat prior.
+    index of each run's rig among `n_rigs`.
+    `design (R, p)` has the covariates, NaN where missing.  `precision (p,)` is the prior precision
+    of the coefficients of covariates in units of Sigma^-1; zero means a flat prior.
     """
 
     log_weights: Array
@@ -133,7 +133,7 @@ class RunArrays:
 def run_arrays(
     runs: Sequence[RunMixture], rig: Indices, offset: Array, design: Array, precision: Array
 ) -> RunArrays:
-    """Pad the mixtures of all runs, minus `offset (R, K)`, to one array."""
+    """Stack the mixtures of runs in padded arrays; `offset (R, K)` is subtracted from the means."""
     n_runs, n_products = offset.shape
     width = max(len(run.log_weights) for run in runs)
     log_weights, means = np.full((n_runs, width), -np.inf), np.zeros((n_runs, width, n_products))

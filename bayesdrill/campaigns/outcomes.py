@@ -1,8 +1,8 @@
 """Describe a fitted population: its products and runs, the next run, and the nominal table.
 
 All levels, spreads and intervals are in natural logarithms of the products, so that 0.05 is about 5 %.
-A spread is half the width of the interval that holds the central 68 % of the runs.  For normal runs
-it is the standard deviation.  A few foreign runs hardly change it, because they widen the tails.
+A spread is half the width of the interval that holds the central 68 % of the runs.  It is the
+standard deviation of normal runs.  A few foreign runs widen the tails, but hardly the spread.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from bayesdrill.basics.arrays import Array, StoredArray
 from bayesdrill.campaigns.mixture import RunArrays
 from bayesdrill.campaigns.population import NominalRange, PopulationDraws, sds_of
 
-SAME_RUNS = 0.05  # a nominal value agrees if more than this share of runs is as far out
-FALSE_OUTLIERS = 0.01  # expected number of runs of a sound campaign that are called outliers
-FOLLOWERS = 20  # number of possible next runs for each draw of the population
+SAME_RUNS = 0.05  # a nominal value agrees if `probability` is larger, see `TableComparison`
+FALSE_OUTLIERS = 0.01  # expected number of false outliers in a campaign without foreign runs
+FOLLOWERS = 20  # number of simulated next runs for each draw of the population
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,9 +47,9 @@ class TableComparison:
 
     nominal: logarithm of the nominal value, and its tolerance
     offset: the centre of the population minus the nominal value
-    probability: probability that another run is as far from the median run as the nearest value within
-        the tolerance
-    agrees: whether `probability` is so large that such a value may be that of a run
+    probability: probability that another run is at least as far from the median run as the nearest
+        end of the tolerance; 1 if the tolerance contains the median run
+    agrees: whether `probability` exceeds `SAME_RUNS`
     """
 
     nominal: NominalRange
@@ -64,9 +64,9 @@ class ProductPopulation:
 
     product: name of the product
     centre: level at the end of the campaign, with noted columns at their averages
-    spread: spread over runs of a rig
-    rig_spread: spread over rigs, None if there is only one
-    next_run: log product of the next run, of a new rig if there are several
+    spread: spread of the runs of one rig
+    rig_spread: spread of the levels of rigs, None if there is only one rig
+    next_run: log product of the next run, on a new rig if there are several rigs
     table: comparison with the nominal value, None if there is none
     """
 
@@ -80,7 +80,7 @@ class ProductPopulation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigLevel:
-    """A rig has a level of a log product, and a predicted value of it in the next run."""
+    """A rig has a level of a log product, and a prediction of the log product in the next run."""
 
     rig: str
     product: str
@@ -95,16 +95,16 @@ class RunOutcome:
     name: name of the run
     rig: name of its rig
     alone: means `(K,)` from its record alone, without its interim prior
-    alone_sd: standard deviations `(K,)` of these products
+    alone_sd: standard deviations `(K,)` that belong to the means `alone`
     shrunk: means `(K,)` as a member of the population
-    shrunk_sd: standard deviations `(K,)` of these products
-    description_error: error of the mixture that describes its draws, see `RunMixture`
-    ranks: probabilities `(K,)` of a lower value in the population of all other runs
-    worst: product in which it is farthest from the other runs
-    sds: distance from them in that product, in standard deviations of run and population
-    tail: probability of a run at least as far out, under the t distribution
+    shrunk_sd: standard deviations `(K,)` that belong to the means `shrunk`
+    description_error: error of the mixture that describes the run's draws, see `RunMixture`
+    ranks: probabilities `(K,)` of values below those of the run, predicted by all other runs
+    worst: product in which the run is farthest from the other runs
+    sds: distance from the other runs in this product, divided by the sd of run and population
+    tail: probability of a run at least as far away, under the t distribution
     core_tail: the same probability under a normal distribution with the population's spread
-    outlier: whether it does not belong to the population
+    outlier: whether the run does not belong to the population
     """
 
     name: str
@@ -129,7 +129,7 @@ class NotedEffect:
     column: name of the column
     product: name of the product
     slope: change of the log product for one standard deviation of the column
-    share: share of the variance over all runs that the column explains
+    share: fraction of the variance over all runs that the column explains
     """
 
     column: str
@@ -141,9 +141,9 @@ class NotedEffect:
 def next_runs(
     draws: PopulationDraws, start: Array, design: Array, rng: np.random.Generator
 ) -> Array:
-    """Draw log products of next runs, `(M FOLLOWERS, K)`, about levels `start (M, K)`.
+    """Draw log products `(M * FOLLOWERS, K)` of next runs about levels `start (M, K)`.
 
-    Each gets the covariates of a random run of the campaign, a row of `design (R, p)`.
+    Each next run has the covariates of a random run of the campaign, a row of `design (R, p)`.
     """
     n_draws, n_products = draws.mean.shape
     shape = (n_draws, FOLLOWERS, n_products)
@@ -206,7 +206,7 @@ def rig_levels(
     design: Array,
     rng: np.random.Generator,
 ) -> tuple[RigLevel, ...]:
-    """Describe the level of each rig, and its next run."""
+    """Describe the level and the next run of each rig."""
     outcomes = []
     for g, rig in enumerate(rigs):
         following = next_runs(draws, draws.levels[:, g], design, rng)
@@ -225,7 +225,7 @@ def rig_levels(
 def noted_effects(
     draws: PopulationDraws, columns: tuple[str, ...], products: tuple[str, ...]
 ) -> tuple[NotedEffect, ...]:
-    """Describe the effect of each noted column, whose variance is one, on each log product."""
+    """Describe the effect of each noted column (of variance 1) on each log product."""
     rest = draws.spread**2 + sds_of(draws.rig_covariance) ** 2
     total = (draws.slopes[:, : len(columns)] ** 2).sum(axis=1) + rest
     return tuple(
@@ -241,7 +241,7 @@ def noted_effects(
 
 
 def _squared_distances(deviations: Array, covariances: Array) -> Array:
-    """Return squared Mahalanobis distances `(M,)` of `(M, K)` with `covariances (M, K, K)`."""
+    """Return squared Mahalanobis distances `(M,)` of `deviations (M, K)`."""
     solved = np.linalg.solve(covariances, deviations[..., None])[..., 0]
     return np.asarray(np.einsum("mk,mk->m", deviations, solved))
 
@@ -254,11 +254,11 @@ def run_outcomes(
     offset: Array,
     errors: Sequence[float],
 ) -> tuple[RunOutcome, ...]:
-    """Describe each run, by itself and against the population of all others.
+    """Describe each run alone, and relative to the population of all other runs.
 
-    `labels` are pairs of name and rig, and `errors` those of the runs' mixtures.  To leave a run out,
-    the M draws are weighted in inverse proportion to its likelihood.  Weights are cut at sqrt(M) times
-    their mean (Ionides 2008).
+    `labels` are pairs of name and rig, and `errors` the errors of the runs' mixtures.  To leave out
+    a run, each of M draws has the weight 1 / (likelihood of the run), but at most sqrt(M) times the
+    mean weight (Ionides 2008).
     """
     alone, covariance = data.mean, data.covariance
     design = np.nan_to_num(data.design[:, data.design.shape[1] - draws.slopes.shape[1] :])

@@ -38,14 +38,14 @@ from bayesdrill.tasks.find_map import fit_plan
 from bayesdrill.tasks.ladder import search
 from bayesdrill.tasks.remote import RefitExecutor
 
-PAGE_FORM = 1  # version of the file beside a page
+PAGE_FORM = 1  # version of the JSON file that accompanies a page
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunPage:
-    """A page shows a run with this `mark` of its draws; `reason` is why it may not belong.
+    """A page shows a run whose draws had this `mark`; `reason` explains the deviation of the run.
 
-    The reason is empty for a run that belongs to the others and fits.
+    The reason is empty if the run belongs to the population and its model fits.
     """
 
     run: str
@@ -54,12 +54,12 @@ class RunPage:
 
 
 def page_name(run: str) -> str:
-    """Return the name of a run's page in the folder of its campaign."""
+    """Return the path of a run's page, relative to the folder of the campaign."""
     return f"{PAGES}/{fits.number_of(run)}.html"
 
 
 def known_reasons(folder: Path, marks: Mapping[str, str]) -> dict[str, str]:
-    """Return the reasons on pages of runs whose draws have these marks; others are outdated."""
+    """Return the reasons by run, from pages of runs whose draws still have these `marks`."""
     reasons = dict[str, str]()
     for run, mark in marks.items():
         path = (folder / page_name(run)).with_suffix(".json")
@@ -102,14 +102,14 @@ def write_campaign(campaign: CheckedCampaign, record: CampaignRecord, folder: Fo
 
 
 def _link(record: CampaignRecord, run: str, x: float, y: float) -> Link:
-    """Return the link from a point to the page of its run, or how to make this page."""
+    """Return a link to the page of a run, or a text that says how to make this page."""
     if run in record.reasons:
         return Link(x, y, run, page_name(run))
     return Link(x, y, f"{run}: bayesdrill campaign ... --page {run} makes its page")
 
 
 def write_runs(plan: CampaignPlan, population: PopulationFit, folder: Folder) -> None:
-    """Write `runs.parquet`: a row for each run, alone and in the population, in logs of SI."""
+    """Write `runs.parquet`: estimates of each run alone and in the population, in logs of SI."""
     import pyarrow
 
     known, runs = {run.name: run for run in plan.runs}, population.runs
@@ -134,7 +134,7 @@ def write_run(
     crew: RefitExecutor,
     report: Reporter,
 ) -> None:
-    """Search the maximum of a run, rank causes if it does not fit, and write its page.
+    """Search the maximum of a run, rank the causes of a misfit, and write the page of the run.
 
     The page has the name of the run as its title, and links to the page of the campaign.
     """

@@ -5,10 +5,10 @@ The log products of run r with rig g and covariates x_r (K numbers each) are
     z_r = eta_g + B' x_r + e_r,    e_r ~ t_nu(0, Sigma),    eta_g ~ N(mu, Sigma_rig),
 
 where eta_g = mu if there is one rig.  The likelihood of a population is the product over runs of the
-integral of p(z_r | population) L_r(z_r).  The likelihood L_r of a run is a mixture of normal
-distributions, for its posterior over its interim prior (Hogg, Myers and Bovy 2010).
+integral of p(z_r | population) L_r(z_r).  The likelihood L_r is the run's posterior divided by its
+interim prior (Hogg, Myers and Bovy 2010), and is described by a mixture of normal distributions.
 
-Chains of Gibbs sampling (see `gibbs.py`) run until they pass the checks of all samplers.
+Chains of Gibbs sampling (see `gibbs.py`) run until they pass the checks of `convergence.py`.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from bayesdrill.campaigns.gibbs import GibbsState, choose, start, sweep
 from bayesdrill.campaigns.mixture import RunArrays
 from bayesdrill.sampling.convergence import Convergence, Targets, assess, chain_length
 
-CENTRAL = float(scipy.special.ndtr(1.0))  # the quantile at one standard deviation
-FIRST_CHECK = 800  # sweeps before the first check of convergence
-NO_SPREAD = 1e-3  # chains need not agree on logarithms of spreads far below this
-MOST_STATES = 2000  # states of a chain that are kept; of more, every other one is dropped
+CENTRAL = float(scipy.special.ndtr(1.0))  # standard normal distribution function at 1
+FIRST_CHECK = 800  # number of sweeps before the first check of convergence
+NO_SPREAD = 1e-3  # added to sds whose logarithms are checked, as smaller sds need not converge
+MOST_STATES = 2000  # upper limit of stored states of a chain; then every other state is dropped
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NominalRange:
-    """The logarithm of a nominal value has a tolerance, from `low` to `high`."""
+    """A nominal value has the logarithm `value`, and a tolerance from `low` to `high`, in logs."""
 
     value: float
     low: float
@@ -45,11 +45,11 @@ class PopulationSettings:
     """A population is fitted with these settings.
 
     spread_scale: scale of the half-t prior (two degrees of freedom) of all spreads, in logs
-    nominal: logs of nominal values of products by name, none if they are not to be compared
+    nominal: logs of nominal values by product; empty if they are not to be compared
     targets: targets at which the sampler stops
-    max_sweeps: most sweeps of each chain
+    max_sweeps: largest number of sweeps of each chain
     chains: number of chains
-    draws: most draws of the population that outcomes use
+    draws: largest number of draws that all chains together return
     """
 
     spread_scale: float = 0.1
@@ -62,11 +62,11 @@ class PopulationSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PopulationDraws:
-    """M draws of the population have its parameters, `(M, ...)` each, and the terms of R runs.
+    """M draws of the population have its parameters, arrays `(M, ...)`, and results for R runs.
 
     `covariance` is Sigma, `rig_covariance` is Sigma_rig (zero with one rig), and `levels` are eta_g.
-    `log_likelihood (M, R)` are the terms of the runs in the likelihood.  As a member of the population
-    a run has the moments `shrunk` and `shrunk_sd`, `(R, K)` each.
+    `log_likelihood (M, R)` has the term of each run.  `shrunk` and `shrunk_sd (R, K)` are the means
+    and sds of the log products of runs as members of the population.
     """
 
     mean: Array
@@ -82,7 +82,7 @@ class PopulationDraws:
 
     @property
     def spread(self) -> Array:
-        """Return the spread over runs of a rig, `(M, K)`."""
+        """Return the spread of the runs of one rig, `(M, K)`."""
         return np.asarray(sds_of(self.covariance) * self.spread_of_t[:, None])
 
     @property
@@ -142,7 +142,7 @@ def _population_draws(
     checked: Convergence,
     rng: np.random.Generator,
 ) -> PopulationDraws:
-    """Stack the states of all chains; with one rig its level is taken from the coefficients."""
+    """Stack the states of all chains; the level of a single rig is the first row of coefficients."""
     log_likelihood = np.zeros((len(states), len(data.rig)))
     shrunk, spread = np.zeros_like(data.mean), np.zeros_like(data.mean)
     for m, state in enumerate(states):
@@ -177,7 +177,7 @@ def _population_draws(
 
 
 def _trace(data: RunArrays, state: GibbsState) -> Array:
-    """Return the judged numbers: levels, coefficients, log sds, correlations, log nu."""
+    """Return the checked numbers: coefficients, means, log sds, artanh of correlations, log nu."""
     parts = [state.slopes.ravel()]
     roots = [state.root] if data.n_rigs == 1 else [state.root, state.rig_root]
     if data.n_rigs > 1:

@@ -21,7 +21,7 @@ from bayesdrill.config.job import Job, assemble
 from bayesdrill.config.records import sources
 from bayesdrill.results import provenance
 
-# Factors between units that are easily exchanged, with their words.
+# Ratios of units that are easily exchanged; the keys are words of a message.
 EXCHANGED: Mapping[str, float] = {
     "rpm and rad/s": 30.0 / math.pi,
     "degrees and radians": 180.0 / math.pi,
@@ -29,7 +29,7 @@ EXCHANGED: Mapping[str, float] = {
     "revolutions and degrees": 360.0,
     "a unit and a thousandth of it": 1000.0,
 }
-FACTOR_TOLERANCE = 0.05  # relative; runs of one rig that scatter by more hide such a factor
+FACTOR_TOLERANCE = 0.05  # largest relative deviation from such a ratio that is reported
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +42,11 @@ class KnownRecord:
     sds: Mapping[str, float]
 
 
-KnownRecords = dict[str, KnownRecord]  # by run
+KnownRecords = dict[str, KnownRecord]  # by the name of the run
 
 
 def base_job(plan: CampaignPlan, digests: Mapping[str, str]) -> Job:
-    """Return the job of the base config with its own record, or that of the first run without one."""
+    """Return the job of the base config or, if its record is missing, of the first good run."""
     case = loading.validate(plan.base)
     if all(path.exists() for path in sources.paths(case.experiments[0])):
         return assemble(case)
@@ -54,18 +54,18 @@ def base_job(plan: CampaignPlan, digests: Mapping[str, str]) -> Job:
 
 
 def run_case(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None) -> ResolvedCase:
-    """Return the case of a run; entries that are the same in the case `before` are known to be valid."""
+    """Return the case of a run; entries that equal those of `before` are not validated again."""
     data = overridden(plan.base.data, run.changes)
     folder = plan.base.path.parent.resolve()
     name = sources.relative_name(folder, run.path.resolve())
     record = data.get("record", {})
-    if isinstance(record, Mapping):  # all else is refused with its line
+    if isinstance(record, Mapping):  # validation refuses other types, with their line
         data["record"] = {**record, "file": name}
     return loading.validate(replace(plan.base, data=data, text=""), before)
 
 
 def run_job(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None = None) -> Job:
-    """Return the job of a run; raises `InputError` with all mistakes, each at the name of the run."""
+    """Return the job of a run; raises `InputError` with all mistakes and the name of the run."""
     try:
         return assemble(run_case(plan, run, before))
     except InputError as error:
@@ -74,7 +74,7 @@ def run_job(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None = 
 
 
 def overridden(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return entries with `changes`, as an experiment changes common ones; None removes an entry."""
+    """Return entries merged with `changes`, as in an experiment; None removes an entry."""
 
     def remove(entries: dict[str, Any], changes: Mapping[str, Any]) -> None:
         for key, value in changes.items():
@@ -94,12 +94,12 @@ def check_runs(
     problems: list[Issue] | None = None,
     known: KnownRecords | None = None,
 ) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Read all records; raises `InputError` with the mistakes of all runs.
+    """Read and check all records; raises `InputError` with the mistakes of all runs.
 
-    Return a digest of all that decides the draws of each run, and notes.
+    Return for each run a digest of all inputs that determine its draws, and notes.
 
-    With a list of `problems`, mistakes are added to it instead.  Records that are in `known`, to which
-    new ones are added, are not read again unless they have changed.
+    If `problems` is given, mistakes are added to this list and not raised.  Records in `known` are
+    read again only if their files have changed, and new records are added to `known`.
     """
     issues = list[Issue]() if problems is None else problems
     records = KnownRecords() if known is None else known
@@ -122,7 +122,7 @@ def check_runs(
             wanted = wanted or made.problem.names
             if lacking := [name for name in wanted if name not in made.problem.names]:
                 message = (
-                    f"has no unknown {', '.join(lacking)}, as other runs have; correct `overrides`"
+                    f"has no unknown {', '.join(lacking)}, unlike other runs; correct `overrides`"
                 )
                 issues.append(Issue(f"run {run.name} ({run.path})", message))
                 continue
@@ -143,7 +143,7 @@ def check_runs(
 
 
 def stamp_of(path: Path) -> tuple[int, ...]:
-    """Return size, time of change [ns], and identity of a file; zeros if it is missing."""
+    """Return size, modification time [ns], device and inode of a file; zeros if it is missing."""
     try:
         status = path.stat()
     except (OSError, ValueError):
@@ -152,7 +152,7 @@ def stamp_of(path: Path) -> tuple[int, ...]:
 
 
 def run_digest(plan: CampaignPlan, job: Job) -> str:
-    """Return a digest of all that decides the draws of a run, beside the reference."""
+    """Return a digest of all inputs that determine the draws of a run, except the reference."""
     marks = provenance.fingerprint(job.config, job.problem)
     return digest_of(repr((sorted(marks.items()), plan.spec.seed, plan.spec.effort)))
 
@@ -163,7 +163,7 @@ def digest_of(text: str) -> str:
 
 
 def _exchanged_units(spreads: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
-    """Yield the channels and runs whose unit seems to differ from that of the other runs."""
+    """Yield a sentence for each channel whose unit in a run seems to differ from other runs."""
     for channel in dict.fromkeys(name for each in spreads.values() for name in each):
         sds = {run: x for run, each in spreads.items() if (x := each.get(channel, 0.0)) > 0.0}
         middle = float(np.median([*sds.values()])) if sds else 1.0

@@ -1,4 +1,4 @@
-"""List the runs of a campaign: files of a glob, rows of a table, or entries of its file."""
+"""List the runs of a campaign from a glob, from a table, or from the campaign's own file."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ NO_PARQUET = "Parquet, in which a campaign keeps its draws,"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignRun:
-    """A run has a name, the `path` of its record, and the numbers that were `noted`.
+    """A run has a name, the `path` of its record, and covariates `noted` by column.
 
-    `time` [s] is that since the first run.  `changes` are entries of the config that differ, and
-    `place` is the line that lists the run.
+    `time` [s] is the time since the first run.  `changes` are the entries in which the run's config
+    differs from the base config.  `place` is the line or file that lists the run.
     """
 
     name: str
@@ -61,7 +61,7 @@ class CampaignPlan:
     notes: tuple[str, ...] = ()
 
 
-Listed = list[tuple[CampaignRun, Any]]  # with the time as it is written; None or "": none
+Listed = list[tuple[CampaignRun, Any]]  # each with its time as written; None or "" means no time
 NumberedRow = tuple[int, Sequence[Any]]  # the number of a row of a table, and its cells
 
 
@@ -102,7 +102,7 @@ def read_plan(path: Path) -> CampaignPlan:
 
 
 def describe_plan(plan: CampaignPlan, notes: Sequence[str]) -> str:
-    """Describe the runs, and what is unusual about them, a line each."""
+    """Describe the runs in lines of text, with a line for each of the `notes`."""
     spec, runs = plan.spec, plan.runs
     rigs = {run.rig for run in runs}
     many = f" of {len(rigs)} rigs" if len(rigs) > 1 else ""
@@ -115,7 +115,7 @@ def describe_plan(plan: CampaignPlan, notes: Sequence[str]) -> str:
 
 
 def natural_key(name: str) -> tuple[Any, ...]:
-    """Return a key by which run_9 comes before run_10."""
+    """Return a sort key by which run_9 comes before run_10."""
     return tuple((int(part), "") if part.isdecimal() else (-1, part) for part in _PARTS.split(name))
 
 
@@ -123,7 +123,7 @@ _PARTS = re.compile(r"(\d+)", re.ASCII)
 
 
 def _mistaken_entries(source: Source, spec: CampaignSpec, names: Sequence[str]) -> Iterable[Issue]:
-    """Yield the mistakes of entries that name runs, columns and files."""
+    """Yield the mistakes in entries that name runs, columns or files."""
     places: dict[Location, str] = {("leave_out", k): name for k, name in enumerate(spec.leave_out)}
     for place, name in (places | {("overrides", name): name for name in spec.overrides}).items():
         if names and name not in names:
@@ -141,7 +141,7 @@ def _mistaken_entries(source: Source, spec: CampaignSpec, names: Sequence[str]) 
 
 
 def _listed(source: Source, spec: CampaignSpec, issues: list[Issue]) -> Listed:
-    """Return all runs, including those that are left out."""
+    """Return all listed runs, including those in `leave_out`."""
     folder, runs = source.path.parent, spec.runs
     if isinstance(runs, list):
         for k, run in enumerate(runs):
@@ -160,7 +160,7 @@ def _listed(source: Source, spec: CampaignSpec, issues: list[Issue]) -> Listed:
             raise source.error(("runs",), message)
         return _table_rows(folder / runs, spec, issues)
     if spec.noted:
-        message = "a glob has no columns; name a table of runs, with the columns file and these"
+        message = "a glob has no columns; name a table with the column file and the noted columns"
         issues.append(source.issue(("noted",), message))
     inside = "" if Path(runs).is_absolute() else f"{glob.escape(str(folder))}/"
     matches = sorted(glob.iglob(inside + runs, recursive=True), key=natural_key)
@@ -219,7 +219,7 @@ def _run(
 
 
 def _csv(path: Path) -> tuple[list[str], Sequence[NumberedRow]]:
-    """Return the header and the other rows with their numbers; blank lines are no rows."""
+    """Return the header, and the other rows with their numbers; blank lines are skipped."""
     lines = decode(path).splitlines()
     mark = max(",;\t", key=next((line for line in lines if line.strip()), "").count)
     try:
@@ -243,7 +243,7 @@ def _parquet(path: Path) -> tuple[list[str], Sequence[NumberedRow]]:
 
 
 def _number(cell: Any, name: str, place: str, issues: list[Issue]) -> float:
-    """Return a noted number; NaN for an empty cell, and for text, which is an issue."""
+    """Return a noted number, NaN for an empty cell; text and infinite numbers add an issue."""
     try:
         value = float(cell) if cell not in (None, "") else math.nan
     except (TypeError, ValueError):
@@ -255,7 +255,7 @@ def _number(cell: Any, name: str, place: str, issues: list[Issue]) -> float:
 
 
 def _times(listed: Listed, spec: CampaignSpec, issues: list[Issue]) -> Sequence[float | None]:
-    """Return the times [s] of all runs since the first, or None for each."""
+    """Return the time [s] of each run since the first run; all are None if no run has a time."""
     blank = [run for run, time in listed if time in (None, "")]
     if spec.by_name:
         if len(blank) < len(listed):
@@ -284,9 +284,9 @@ def _times(listed: Listed, spec: CampaignSpec, issues: list[Issue]) -> Sequence[
 
 
 def _seconds(time: object, unit: TimeUnit) -> tuple[str, float]:
-    """Return whether a time is a number or a date, or neither, and the time in seconds.
+    """Return the kind of a time ("number", "date", or "" for neither), and the time in seconds.
 
-    A date without a zone is one of UTC.
+    A date without a time zone is in UTC.
     """
     text = str(time)
     try:
@@ -301,11 +301,11 @@ def _seconds(time: object, unit: TimeUnit) -> tuple[str, float]:
 
 
 def _repeated(runs: Sequence[CampaignRun]) -> Iterable[Issue]:
-    """Yield an issue for each run with the name, the file, or rig and time of another."""
+    """Yield an issue for each run that has the name, the file, or rig and time of another run."""
     names, files = dict[str, CampaignRun](), dict[str, CampaignRun]()
     times = dict[tuple[str, float], str]()
     for run in runs:
-        path = os.path.abspath(run.path)  # `resolve` would look at each file of a million
+        path = os.path.abspath(run.path)  # `resolve` would access each of possibly a million files
         if path in files:
             other = files[path].place
             yield Issue(run.place, f"{run.path} is a run already ({other}); take out one of them")

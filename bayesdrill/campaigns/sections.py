@@ -1,4 +1,4 @@
-"""Build the sections of a campaign and of its runs: words, tables and pictures."""
+"""Build the report sections of a campaign and of its runs: text, tables and figures."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ def _following(ahead: Estimate) -> dict[str, str]:
 
 
 def _tolerance(nominal: NominalRange) -> str:
-    """Return the ends of a tolerance in percent of the nominal value; empty without one."""
+    """Return the ends of a tolerance in percent of the nominal value; empty without a tolerance."""
     ends = (percent(end - nominal.value) for end in (nominal.low, nominal.high))
     return "" if nominal.low == nominal.high else " to ".join(ends)
 
 
 def products_table(population: PopulationFit) -> Table:
-    """Return the table of products: their population, the next run, and the nominal value."""
+    """Return the table of products, with population, next run and nominal value."""
 
     def cells(p: ProductPopulation) -> dict[str, str]:
         table = p.table
@@ -63,7 +63,7 @@ def products_table(population: PopulationFit) -> Table:
 
 
 def noted_table(population: PopulationFit) -> Table | None:
-    """Return the table of noted columns, with the share of the spread that each explains."""
+    """Return the table of noted columns, with the fraction of the variance that each explains."""
     lines = [
         {
             "column": effect.column,
@@ -77,7 +77,7 @@ def noted_table(population: PopulationFit) -> Table | None:
 
 
 def rigs_table(population: PopulationFit) -> Table | None:
-    """Return the table of rigs: the level of each, and its next run."""
+    """Return the table of rigs, with the level and the next run of each rig."""
     lines = [
         {"rig": rig.rig, "product": rig.product}
         | level_cells("level", "+-", rig.level.mean, rig.level.sd)
@@ -102,7 +102,7 @@ CHART = (
 def campaign_sections(
     record: CampaignRecord, ending: str = "png", links: tuple[Link, ...] = ()
 ) -> tuple[Section, ...]:
-    """Build the sections of a campaign, the verdict first; `links` are the points of its figure."""
+    """Build the sections of a campaign, the verdict first; `links` are on points of its figure."""
     population, doubts, steady = record.population, record.unbelievable, not record.alarms
     tone: Tone = "bad" if doubts else "good" if steady else "doubt"
     badge = "not to be believed" if doubts else "steady" if steady else "needs a look"
@@ -136,7 +136,7 @@ def _lines(sentences: list[str]) -> str:
 
 
 def population_csv(population: PopulationFit) -> str:
-    """Return CSV with a line for each product: all digits, in logs of SI."""
+    """Return CSV with a line for each product: all digits, in natural logarithms of SI values."""
     histories = {chart.product: chart.history for chart in population.charts}
     lines = list[dict[str, object]]()
     for p in population.populations:
@@ -166,7 +166,7 @@ def population_csv(population: PopulationFit) -> str:
 def run_sections(
     outcome: RunOutcome, products: tuple[str, ...], reason: str, causes: Causes | None
 ) -> tuple[Section, ...]:
-    """Build the sections of a run's page: its place in the campaign, and what explains a misfit."""
+    """Build the sections of a run's page: its deviation from other runs, and causes of a misfit."""
     numbers = (outcome.alone, outcome.alone_sd, outcome.shrunk, outcome.shrunk_sd)
     lines = (
         {"": product}
@@ -184,7 +184,7 @@ def run_sections(
 
 
 def likely_reason(outcome: RunOutcome, causes: Causes | None) -> str:
-    """Return why a run does not belong or does not fit, in words; empty if it belongs and fits."""
+    """Return the likely reason why a run is an outlier or does not fit; empty if neither."""
     if causes is None:
         alone = "its record fits by itself, so the rig or its state differed"
         return alone if outcome.outlier else ""

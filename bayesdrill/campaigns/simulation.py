@@ -1,4 +1,4 @@
-"""Simulate a campaign: the truth of each run, by the section `simulation:`, and its record."""
+"""Simulate the records of a campaign; its section `simulation:` sets the true parameters."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from bayesdrill.config.yaml_source import Location, Source, read
 from bayesdrill.report.section import mappings_as_csv
 
 TRUTH = "truth.csv"
-DIGITS = 8
+DIGITS = 8  # significant digits of true parameters
 
 
 def simulate_campaign(path: Path, seed: int | None, *, force: bool = False) -> dict[Path, int]:
-    """Write records, their table and `truth.csv` of a simulated campaign; return samples by file.
+    """Write records, table of runs and `truth.csv` of a campaign; return sample counts by file.
 
     `runs:` names the table.  Raises `InputError` with all mistakes before anything is written.
     """
@@ -75,7 +75,7 @@ def _asked(source: Source, spec: CampaignSpec) -> tuple[CampaignSimulation, Path
 
 
 def _check_names(source: Source, asked: CampaignSimulation, known: Mapping[str, float]) -> None:
-    """Raise `InputError` for names that are no parameters of the rig."""
+    """Raise `InputError` for names that are not parameters of the rig."""
     parts = ("spread", "rig_spread", "drift")
     places: dict[str, Location] = {
         name: ("simulation", part, name) for part in parts for name in getattr(asked, part)

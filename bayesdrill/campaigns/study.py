@@ -36,9 +36,9 @@ OUTLIERS = "outliers"  # stands for all outliers in `--page`
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignOutcome:
-    """A campaign has a folder, its results, and the text for the terminal in `said`.
+    """A finished campaign has a folder, results, and the text for the terminal, `said`.
 
-    `reasons` say why they must not be believed.
+    `reasons` say why the results must not be believed.
     """
 
     folder: Path
@@ -56,11 +56,11 @@ def run_campaign(
     known: KnownRecords | None = None,
     asked: Sequence[str] = (),
 ) -> CampaignOutcome:
-    """Run a campaign into `output`; raises `Interrupted` when asked to stop.
+    """Run a campaign with results in the folder `output`; raises `Interrupted` if stopped.
 
-    Pages are made of the runs that are `asked` for; `OUTLIERS` stands for those that do not belong.
+    A page is made for each run that `asked` names; the name `OUTLIERS` stands for all outliers.
 
-    `known` keeps what was read of records. If it is given, bad records are left out without an error.
+    `known` caches records that were read.  If given, bad records are left out without an error.
     """
     _need_parquet(plan)
     names = [run.name for run in plan.runs]
@@ -103,7 +103,7 @@ def _need_parquet(plan: CampaignPlan) -> None:
 
 
 def _marks(plan: CampaignPlan) -> dict[str, str]:
-    """Return what decides the draws of all runs, by name; runs may be added, changed or left out."""
+    """Return by name the inputs that all runs share.  They must not change, but the runs may."""
     base = digest_of(repr(plan.base.data))
     versions = {f"{VERSION_OF}{name}": x for name, x in software.installed_versions().items()}
     settings = {"the seed": str(plan.spec.seed), "effort": str(plan.spec.effort)}
@@ -111,7 +111,7 @@ def _marks(plan: CampaignPlan) -> dict[str, str]:
 
 
 def _reference(job: Job, folder: Folder, crew: RefitExecutor, report: Reporter) -> Reference:
-    """Return the reference of a folder, which is found once and kept."""
+    """Return the reference that `folder` stores; if there is none, find and store it."""
     path = folder.path / REFERENCE
     if path.exists():
         return load_record(path, Reference, FORM)[0]
@@ -161,7 +161,7 @@ def _publish(
 def _usable_runs(
     campaign: CheckedCampaign, folder: Path, problems: Sequence[Issue]
 ) -> tuple[CheckedCampaign, Mapping[str, FittedRun], dict[str, str]]:
-    """Return the campaign with its determined products, runs with draws, and why others have none.
+    """Return the campaign with its determined products, usable runs, and why others are not used.
 
     Raises `InputError` if too few runs have draws.
     """
@@ -181,7 +181,7 @@ def _usable_runs(
 def _population(
     campaign: CheckedCampaign, fitted: Mapping[str, FittedRun], folder: Path, report: Reporter
 ) -> tuple[PopulationFit, str]:
-    """Return the population of the runs, which may be kept, and the mark of all that decides it."""
+    """Return the population of the runs, stored or newly sampled, and a digest of its inputs."""
     runs = tuple(run for run in campaign.plan.runs if run.name in fitted)
     products, seed = campaign.reference.products, campaign.plan.spec.seed
     settings = PopulationSettings(nominal=_nominal(campaign.job, campaign.reference))
@@ -201,14 +201,14 @@ def _population(
 
 
 def kept_record(folder: Path) -> CampaignRecord | None:
-    """Return the record of earlier results; None if there is none, or if it cannot be read."""
+    """Return the stored record of earlier results; None if it is missing or unreadable."""
     with suppress(OSError, InputError):
         return load_record(folder / RECORD, CampaignRecord, FORM)[0]
     return None
 
 
 def _nominal(job: Job, reference: Reference) -> dict[str, NominalRange]:
-    """Return logs of nominal values and tolerances of products whose parameters all have a value."""
+    """Return the nominal range of each product whose parameters all have a nominal value."""
     problem, products = job.problem, dict[str, NominalRange]()
     for name, exponents in zip(reference.products, reference.exponents, strict=True):
         powers = {n: e for n, e in zip(reference.names, exponents, strict=True) if e}

@@ -1,22 +1,22 @@
 """Distinguish a constant level, a steady drift, sudden changes and a random walk of a log product.
 
-The estimate of run i, in order of time, is y_i = h_i' b + level_i + e_i, where e_i is normal with the
-variance s^2 + c_i: the spread over runs, and what the record of run i leaves unknown.  Regressors h
-(rigs and noted columns) have wide normal priors.  Four descriptions of the level are compared by their
-evidence, which is summed over grids of s, of the moment of a change, and of the scale of the walk:
+The estimate of run i, in order of time, is y_i = h_i' b + level_i + e_i.  The error e_i is normal
+with the variance s^2 + c_i; s is the spread of runs, and c_i the variance due to the record.
+Coefficients b of regressors h (rigs and noted columns) have wide normal priors.  Four descriptions
+of the level are compared by evidence, summed over grids of s, of the moment of a change, and of q:
 
     constant   level = 0
     drift      level = d (t_i - t_last) / (t_last - t_first),  d ~ N(0, SIZE^2)
     changes    level = sum of sizes of the changes before i,   size ~ N(0, SIZE^2), any moment alike
     walk       level_i - level_(i-1) ~ N(0, q^2 (t_i - t_(i-1)) / (t_last - t_first))
 
-All but the grids is exact linear-Gaussian algebra: sums over the runs after each moment give the
-evidence of all changes at once (Smith 1975), and a Kalman filter that of the walk.  A further change
-is added to those before, until another is improbable.
+Except for the grids, all is exact linear-Gaussian algebra: cumulative sums over runs give the
+evidence of a change at every moment (Smith 1975), and a Kalman filter the evidence of the walk.
+Changes are added one at a time, until a further change is improbable.
 
-Any run may be foreign: e_i then has a further variance FOREIGN_SD^2, with the prior probability
-FOREIGN.  The evidence is summed over sets of foreign runs, among those farthest from their neighbours
-in time.  So a foreign record neither is a change nor hides one.
+Any run may be foreign, with the prior probability FOREIGN; FOREIGN_SD^2 is then added to the
+variance of e_i.  The evidence is summed over sets of foreign runs, among those farthest from their
+neighbours in time.  So a foreign run is not mistaken for a change, and does not hide a change.
 """
 
 from __future__ import annotations
@@ -31,24 +31,23 @@ from bayesdrill.basics.arrays import Array, StoredArray
 SIZE = 0.1  # prior sd of a drift over the whole campaign and of a change, in logs
 PRIOR = {"constant": 0.7, "drift": 0.1, "changes": 0.1, "walk": 0.1}
 PRIOR_OF_ANOTHER = 0.1  # prior probability of a further change
-ANOTHER_PROBABILITY = 0.9  # posterior probability with which a further change is accepted
+ANOTHER_PROBABILITY = 0.9  # least posterior probability with which a further change is accepted
 MAX_CHANGES = 10
-HALF_T_FREEDOM = 2.0  # degrees of freedom of the prior of s, as for the population's sds
-# Scale of that prior.  With 0.1 a wide spread explains a change and a foreign run of 15 % together.
+HALF_T_FREEDOM = 2.0  # degrees of freedom of the half-t prior of s, as for the population's sds
+# Scale of the prior of s.  With 0.1, a large s would explain a change and a foreign run of 15 %.
 SPREAD_SCALE = 0.03
-SMALLEST_SPREAD = 1e-5  # s is not resolved below this, so that sums keep their digits
-REGRESSOR_SD = 10.0  # prior sd of coefficients of regressors
-MIN_SPREADS, MAX_SPREADS = 12, 40  # values of s on its grid, whose steps follow its uncertainty
-WALKS = 8  # values of q on its grid
-NEIGHBOURS = 4  # runs before, and after; a run that is far from both medians may be foreign
-MAD_FACTOR = 2.0  # sd of normal runs over the median of their distances from the nearer neighbours
+SMALLEST_SPREAD = 1e-5  # lower limit of the sd that scales the grid of s, so that sums keep digits
+REGRESSOR_SD = 10.0  # prior sd of the coefficients of regressors
+MIN_SPREADS, MAX_SPREADS = 12, 40  # bounds of the number of grid values of s
+WALKS = 8  # number of grid values of q
+NEIGHBOURS = 4  # number of runs in the medians before and after a run, see `_series`
+MAD_FACTOR = 2.0  # sd of normal runs divided by the median of `deviation` in `_series`
 FOREIGN = 0.03  # prior probability that a run is foreign
-FOREIGN_SD = 0.2  # prior sd of a foreign run about the level, in logs
-SUBSETS_OF = 3  # subsets of this many farthest runs may be foreign; larger sets are the k farthest
-MOST_FOREIGN = 0.3  # largest share of runs that may be foreign
-NEGLIGIBLE = (
-    1e-2  # probability, over that of the likeliest, of a set of foreign runs that is dropped
-)
+FOREIGN_SD = 0.2  # additional prior sd of a foreign run about the level, in logs
+SUBSETS_OF = 3  # All subsets of this many farthest runs are tried; larger sets are the k farthest.
+MOST_FOREIGN = 0.3  # largest fraction of runs that may be foreign
+# A set of foreign runs is dropped if its probability, relative to the likeliest set, is smaller.
+NEGLIGIBLE = 1e-2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,12 +55,12 @@ class LevelChange:
     """A level changes between two runs, by `size` with standard deviation `size_sd`, in logs.
 
     run: index of the first run after the change, in order of time
-    first: least such index in the 90 % interval of the moment
-    last: greatest such index in the 90 % interval of the moment
-    time: time of that first run [s]
+    first: lower end of the 90 % interval of `run`
+    last: upper end of the 90 % interval of `run`
+    time: time of the run with index `run` [s]
     size: mean of the change of the log product
     size_sd: standard deviation of the change of the log product
-    probability: probability that there is this change, given those found before it
+    probability: probability of this change, given the changes that were found before it
     """
 
     run: int
@@ -75,13 +74,13 @@ class LevelChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelHistory:
-    """A log product has a history: probabilities of the descriptions, and what each says.
+    """The history of a log product has probabilities of four descriptions, and estimates for each.
 
     probabilities: posterior probability of each description
     drift: mean of a steady drift over the campaign, in logs
     drift_sd: standard deviation of that drift, in logs
     changes: sudden changes in order of time
-    walk_sd: mean of the standard deviation of a random walk over the campaign, in logs
+    walk_sd: mean of q, the standard deviation of a random walk over the campaign, in logs
     level: mean of the level of a random walk at each run, at average regressors
     level_sd: standard deviation of that level
     """
@@ -100,7 +99,7 @@ class LevelHistory:
         return max(self.probabilities, key=lambda name: self.probabilities[name])
 
     def terms(self, t: Array) -> dict[int, tuple[float, Array]]:
-        """Return size and column `(R,)` of a drift (key 0) or of each change (by its first run).
+        """Return size and column `(R,)` of a drift (key 0) or of each change (key: its first run).
 
         The times `t (R,)` are in order.  Only the most probable description has terms.
         """
@@ -110,19 +109,19 @@ class LevelHistory:
         return {change.run: (change.size, step(change.run, len(t))) for change in changes}
 
     def level_over(self, t: Array) -> Array:
-        """Return the level at the runs with times `t (R,)` in order, less that at the end."""
+        """Return the level at the runs with times `t (R,)` in order, minus the level at the end."""
         if self.best == "walk":
             return np.asarray(self.level - self.level[-1])
         return sum((size * column for size, column in self.terms(t).values()), np.zeros(len(t)))
 
 
 def ramp(t: Array) -> Array:
-    """Return the time since the last run, over the length of the campaign: from -1 to 0."""
+    """Return the column (t - t_last) / (t_last - t_first) of a drift, from -1 to 0."""
     return np.asarray((t - t[-1]) / (t[-1] - t[0]))
 
 
 def step(run: int, count: int) -> Array:
-    """Return the column of a change before one of `count` runs: -1 before it, and 0 from it on."""
+    """Return the column `(count,)` of a change: -1 before index `run`, and 0 from `run` on."""
     return np.asarray(np.where(np.arange(count) < run, -1.0, 0.0))
 
 
@@ -130,8 +129,8 @@ def step(run: int, count: int) -> Array:
 class _Series:
     """Estimates `y (R,)` at times `t (R,)` in order have regressors `h (R, p)` with prior sds `(p,)`.
 
-    `variance (n, R)` is given at each s of a grid and each set of foreign runs, with prior log
-    probabilities `log_prior (n,)`.
+    `variance (n, R)` has error variances for n pairs of an s and a set of foreign runs.  The pairs
+    have prior log probabilities `log_prior (n,)`.
     """
 
     t: Array
@@ -171,7 +170,7 @@ def _fit(y: Array, h: Array, variance: Array, prior_sd: Array) -> _LinearFit:
 def level_history(t: Array, y: Array, variance: Array, regressors: Array) -> LevelHistory:
     """Study the level of estimates `y (R,)` with `variance (R,)` at times `t (R,)` in order.
 
-    `regressors (R, p)` must span the constant.
+    The columns of `regressors (R, p)` must span the constant.
     """
     series = _series(t, y, variance, regressors)
     constant = _fit(series.y, series.h, series.variance, series.prior_sd).log_evidence
@@ -207,11 +206,11 @@ def level_history(t: Array, y: Array, variance: Array, regressors: Array) -> Lev
 
 
 def _series(t: Array, y: Array, c: Array, h: Array) -> _Series:
-    """Make the grid of s and of the sets of foreign runs that matter to any description."""
+    """Make the grid of s, and of sets of foreign runs that are probable for any description."""
     residuals = y - h @ np.linalg.lstsq(h, y, rcond=None)[0]
     deviation = np.minimum(_distance(residuals), _distance(residuals[::-1])[::-1])
     sd = max(MAD_FACTOR * float(np.median(deviation)), SMALLEST_SPREAD)
-    known = float(np.sqrt(np.median(c)))  # records may know runs worse than they differ
+    known = float(np.sqrt(np.median(c)))  # typical sd of an estimate; may exceed s
     low, high = max(0.5 * sd, known), 1.5 * max(float(residuals.std()), sd, known)
     count = int(np.clip(1.5 * np.log(high / low) * np.sqrt(2 * len(y)), MIN_SPREADS, MAX_SPREADS))
     total = np.geomspace(low, high, count + 1) ** 2
@@ -246,7 +245,7 @@ def _series(t: Array, y: Array, c: Array, h: Array) -> _Series:
 
 
 def _foreign_sets(deviation: Array) -> Array:
-    """Return sets of runs `(n, R)` that may be foreign, given distances from the neighbours."""
+    """Return masks `(n, R)` of sets of runs that may be foreign: those of largest `deviation`."""
     n_runs = len(deviation)
     rank = np.argsort(np.argsort(-deviation, kind="stable"))
     most = int(MOST_FOREIGN * n_runs)
@@ -257,16 +256,16 @@ def _foreign_sets(deviation: Array) -> Array:
 
 
 def _distance(residuals: Array) -> Array:
-    """Return the distance of each run from the median of those before it; infinite for the first."""
+    """Return each run's distance from the median of runs just before it; infinite for the first."""
     padded = np.pad(residuals[:-1], (NEIGHBOURS, 0), constant_values=np.nan)
     before = np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS)
     return np.asarray(np.abs(residuals - np.append(np.inf, np.nanmedian(before[1:], axis=1))))
 
 
 def _moments(series: _Series) -> tuple[Array, Array, Array]:
-    """Return log Bayes factor, size and its variance of a change before each run: `(n, R - 1)` each.
+    """Return log evidence, mean and variance of the size of a change before each run, `(n, R - 1)`.
 
-    The factors include the evidence and prior of each s.  There is no change between equal times.
+    The evidence includes `log_prior` and the moment's prior, which is zero between equal times.
     """
     base = _fit(series.y, series.h, series.variance, series.prior_sd)
     weights = 1.0 / series.variance
@@ -289,10 +288,9 @@ def _moments(series: _Series) -> tuple[Array, Array, Array]:
 
 
 def _find_changes(series: _Series, log_constant: float) -> tuple[float, list[int], list[float]]:
-    """Add changes while another is probable.
+    """Add changes while a further change is probable.
 
-    Returns the log evidence of one or more changes, the runs before which they are, and their
-    probabilities.
+    Returns the log evidence of at least one change, and first run and probability of each change.
     """
     runs: list[int] = []
     probabilities: list[float] = []
@@ -318,7 +316,7 @@ def _find_changes(series: _Series, log_constant: float) -> tuple[float, list[int
 
 
 def _change(series: _Series, runs: list[int], k: int, probability: float) -> LevelChange:
-    """Describe a change by the posterior of its moment and size, given the moments of the others."""
+    """Describe change `k` by the posterior of its moment and size, given the other moments."""
     for other in runs[:k] + runs[k + 1 :]:
         series = series.with_column(step(other, len(series.t)))
     log_p, size, variance = _moments(series)
@@ -340,7 +338,7 @@ def _change(series: _Series, runs: list[int], k: int, probability: float) -> Lev
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Walk:
-    """A random walk has log evidences with priors `(n q,)`, its mean scale, and its level `(R,)`."""
+    """A random walk has log evidence plus log prior `(n WALKS,)`, a mean q, and levels `(R,)`."""
 
     log_evidence: Array
     scale: float
@@ -349,7 +347,7 @@ class _Walk:
 
 
 def _walk(series: _Series) -> _Walk:
-    """Filter estimates and regressors, and smooth the level that explains what regressors do not."""
+    """Compute the evidence of a walk by a Kalman filter, and the level of the walk by smoothing."""
     scales = SIZE * np.geomspace(0.03, 3.0, WALKS)
     log_prior = _log_normalised(np.log(scales) - 0.5 * (scales / SIZE) ** 2)  # half-normal
     shape = (len(series.variance), WALKS)
@@ -383,9 +381,9 @@ def _filter(
 ) -> tuple[Array, Array, Array, Array]:
     """Run the Kalman filter of a level over `columns (R, c)` at each of G pairs of s and q.
 
-    `variance` and `step (R, G)` are those of errors and of the walk after each run; `start` is the
-    variance of the first level.  Returns innovations `(R, G, c)`, their variances `(R, G)`, and the
-    filtered levels and their variances, of the same shapes.
+    `variance (R, G)` is the variance of errors, `step (R, G)` the variance that the walk gains
+    after each run, and `start` the variance of the first level.  Returns innovations `(R, G, c)`,
+    their variances `(R, G)`, filtered levels `(R, G, c)`, and the variances of levels `(R, G)`.
     """
     n_runs, n_pairs = variance.shape
     innovations = np.empty((n_runs, n_pairs, columns.shape[1]))
@@ -411,12 +409,12 @@ def _log_sum(logs: Array) -> float:
 
 
 def _log_normalised(logs: Array) -> Array:
-    """Return the logs of numbers, scaled to the sum 1."""
+    """Return the logs of numbers that are scaled to the sum 1."""
     return np.asarray(logs - _log_sum(logs.ravel()))
 
 
 def _normalised(logs: Array) -> Array:
-    """Return the numbers with these logs, scaled to the sum 1."""
+    """Return numbers proportional to exp(logs), with the sum 1."""
     return np.asarray(np.exp(_log_normalised(logs)))
 
 

@@ -20,7 +20,7 @@ from bayesdrill.output_files import RUN, refuse_unwritable
 from bayesdrill.results.run_folder import WriteMode
 from bayesdrill.tasks.remote import RefitExecutor
 
-SETTLED = 2.0  # seconds without a change, after which a file counts as written
+SETTLED = 2.0  # a file counts as complete after this time without a change [s]
 
 
 def watch(
@@ -31,7 +31,7 @@ def watch(
     Raises `InputError` at once if the output cannot be written.
     """
     refuse_unwritable(output)
-    before = kept_record(output)  # alarms of damaged results come again
+    before = kept_record(output)  # if this record is unreadable, old alarms are raised again
     known, raised = KnownRecords(), {*map(_subject, before.alarms if before else ())}
     while True:
         plan = read_plan(path)
@@ -68,19 +68,19 @@ def _listing(plan: CampaignPlan) -> frozenset[str]:
 
 
 def _state(plan: CampaignPlan, listing: frozenset[str], bad: list[Path]) -> tuple[object, ...]:
-    """Return what changes when runs come: the listing, the campaign's files, and bad records."""
+    """Return a value that changes if the listing, the campaign's files or bad records change."""
     runs, path = plan.spec.runs, plan.source.path
     table = path.parent / runs if isinstance(runs, str) else path
     return (listing, *map(stamp_of, (path, table, *bad)))
 
 
 def _wait_until_written(plan: CampaignPlan, known: KnownRecords) -> None:
-    """Sleep until all new records have not changed for a while."""
+    """Wait until no new record has changed for `SETTLED` seconds."""
     new = [run.path for run in plan.runs if run.name not in known]
     newest = max((stamp_of(path)[1] for path in new), default=0) / 1e9
     time.sleep(min(max(newest + SETTLED - time.time(), 0.0), SETTLED))
 
 
 def _subject(alarm: Alarm) -> tuple[str, str, str]:
-    """Return what an alarm is about; its sentence has numbers, which change with each run."""
+    """Return kind, run and product of an alarm; numbers in its sentence change with each run."""
     return alarm.kind, alarm.run, alarm.product

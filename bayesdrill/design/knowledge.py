@@ -15,10 +15,10 @@ from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PresentKnowledge:
-    """Present knowledge is `draws (W, D)` for a design, `checked (C, D)` for limits, and a precision.
+    """Present knowledge has `draws (W, D)` for a design, and draws `checked (C, D)` for limits.
 
-    `precision (m, m)` belongs to the unknowns of the simulator on their natural scales.  `source`
-    describes its origin in words.  Without `gaussian`, the precision approximates the priors.
+    `precision (m, m)` is the inverse covariance of the simulator's unknowns on natural scales.  It
+    approximates the priors if `gaussian` is false.  `source` is "the prior" or "the posterior".
     """
 
     draws: StoredArray
@@ -29,7 +29,7 @@ class PresentKnowledge:
 
 
 def prior_knowledge(problem: Problem, draws: int, checked: int, seed: int) -> PresentKnowledge:
-    """Return the knowledge from the priors; a single draw is the start values."""
+    """Return the knowledge from the priors; if `draws` is 1, the only draw is the start values."""
     space = problem.posterior.space
     start = space.vector(space.start)[None]
     drawn = space.draw(draws + 4 * checked, seeds.stream(seed, "design"))
@@ -45,7 +45,7 @@ def prior_knowledge(problem: Problem, draws: int, checked: int, seed: int) -> Pr
 def posterior_knowledge(
     problem: Problem, chain: Array, draws: int, checked: int
 ) -> PresentKnowledge:
-    """Return the knowledge from posterior draws `chain (N, D)`, a Gaussian on natural scales."""
+    """Return the knowledge from posterior draws `chain (N, D)`, as a Gaussian on natural scales."""
     posterior = problem.posterior
     m = len(posterior.space.columns(*SIMULATOR_ROLES))
     logs = np.array([not unknown.signed for unknown in posterior.space.unknowns[:m]])

@@ -1,4 +1,4 @@
-"""Check the limits of a rig between the samples of its record, and penalise waveforms beyond them."""
+"""Check the limits of a rig, also between samples, and penalise waveforms that break limits."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from bayesdrill.basics.duals import Dual
 from bayesdrill.design.limits import RigLimit, excess
 from bayesdrill.design.responses import ComingExperiment
 
-KEPT_SHARE = 0.99  # share of the draws that have to keep every limit
+KEPT_SHARE = 0.99  # smallest fraction of draws that must keep all limits
 TOLERANCE = 1e-6  # relative amount by which a limited quantity may exceed its limit
-HALVINGS = 8  # number of bisections between waveforms that keep and break the limits
-FINEST = 8000  # most samples at which limits are checked, unless the record has more samples
-CHANGED = 0.01  # relative change of a limited quantity below which a rate is fine enough
-SEARCH_TIMES = 250  # least number of times at which a search keeps limits
+HALVINGS = 8  # number of bisections between an allowed and a forbidden waveform
+FINEST = 8000  # upper limit of the samples at which limits are checked, unless the record has more
+CHANGED = 0.01  # a rate is fine enough if doubling it changes sizes by a smaller fraction
+SEARCH_TIMES = 250  # approximate number of instants of a record at which a search checks limits
 
 
 @dataclass(frozen=True, slots=True)
 class LimitCheck:
-    """A check finds the draws `theta (W, D)` that keep the limits of the rig.
+    """A check finds which of the draws `theta (W, D)` keep the limits of the rig.
 
-    `coming` is the experiment at a rate that resolves peaks and integrals of limited quantities.
+    `coming` is the experiment, with a rate that resolves peaks and integrals of limited quantities.
     """
 
     coming: ComingExperiment
@@ -37,7 +37,7 @@ class LimitCheck:
     def between_samples(
         cls, coming: ComingExperiment, limits: tuple[RigLimit, ...], theta: Array
     ) -> LimitCheck:
-        """Return the check at a rate that resolves extremes under the largest swings."""
+        """Return a check at a rate that resolves peaks for alternating `low` and `high` levels."""
         check, source = cls(coming, limits, theta), coming.source
         levels = np.where(np.arange(source.count) % 2, source.low, source.high)
         sizes = check.sizes(theta[:4], levels)
@@ -50,7 +50,7 @@ class LimitCheck:
         return check
 
     def sizes(self, theta: Array, levels: Array) -> Array:
-        """Return the largest sizes `(L,)` of the limited quantities at draws `theta (W, D)`."""
+        """Return the largest absolute values `(L,)` of the limited quantities at `theta (W, D)`."""
         return np.asarray(np.abs(self.limited(theta, levels)).max(axis=(0, 1), initial=1e-300))
 
     def limited(self, theta: Array, levels: Array) -> Array:
@@ -63,7 +63,7 @@ class LimitCheck:
 
     @property
     def interval(self) -> float:
-        """Return the time between two of the samples [s]."""
+        """Return the time between two samples [s]."""
         return 1.0 / self.coming.source.rate
 
     def named(
@@ -79,13 +79,13 @@ class LimitCheck:
         return moving, inputs, {**observation.experiment.constant, **constant}
 
     def kept_share(self, levels: Array) -> float:
-        """Return the share of the draws that keep all limits."""
+        """Return the fraction of draws that keep all limits."""
         if not self.limits:
             return 1.0
         return float(np.mean(~self.broken(levels).any(axis=1)))
 
     def excess(self, levels: Array) -> float:
-        """Return the mean square excess of the limits, over their ends; inf without a finite motion."""
+        """Return the mean of (excess / largest finite end)^2; inf if the motion is not finite."""
         ends = np.array([[limit.low, limit.high] for limit in self.limits])
         sizes = np.abs(np.where(np.isfinite(ends), ends, 0.0)).max(axis=1)
         with np.errstate(all="ignore"):
@@ -102,7 +102,7 @@ class LimitCheck:
         return np.asarray(~within.all(axis=1))
 
     def shorten(self, start: Array, end: Array) -> Array:
-        """Return the waveform nearest to `end`, on the way from `start`, that keeps the limits."""
+        """Return the allowed waveform nearest to `end` on the line from `start` to `end`."""
         if self.kept_share(end) >= KEPT_SHARE:
             return end
         low, high = 0.0, 1.0
@@ -114,10 +114,10 @@ class LimitCheck:
 
 
 class LimitPenalty:
-    """The penalty of a linear rig sums squared excesses over limits, at draws `theta (W, D)`.
+    """The penalty of a linear rig is the sum of squared excesses of limits at draws `theta (W, D)`.
 
-    States are linear in the levels, so that integrals of powers are quadratic forms.  Other limits
-    count at some times of each hold interval, which are denser at its beginning.
+    States are linear in the levels, so integrals of powers [W] are quadratic forms.  Other limits
+    are checked at some instants of each hold interval, most of them near its beginning.
     """
 
     def __init__(self, check: LimitCheck, theta: Array) -> None:
@@ -149,14 +149,14 @@ class LimitPenalty:
         return states[times], forms
 
     def with_first(self, draws: int) -> LimitPenalty:
-        """Return the penalty at only the first draws, which is faster."""
+        """Return the penalty with only the first draws, which is faster."""
         fewer = copy.copy(self)
         fewer._theta, fewer._states = self._theta[:draws], self._states[:draws]
         fewer._forms = self._forms[:draws]
         return fewer
 
     def __call__(self, levels: Array) -> tuple[float, Array]:
-        """Return squared excesses over the sizes of quantities, and the slope by levels, `(S,)`."""
+        """Return the sum of (excess / largest size)^2, and its gradient `(S,)` in the levels."""
         x, pulses = np.append(1.0, levels), self._pulses[self._times]
         motion = Dual((x @ self._states)[:, :, None], self._states[:, :, 1:])
         driven = Dual((pulses @ x)[None, :, None], pulses[None, :, 1:])

@@ -21,7 +21,7 @@ _INTEGRAL = re.compile(r"\s*integral\s*\((.*)\)\s*")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigLimit:
-    """A limit keeps a formula of states, inputs and parameters between `low` and `high`, SI.
+    """A limit keeps a formula of states, inputs and parameters between `low` and `high`, in SI.
 
     With `integral`, the limit holds for the integral of the formula from the start to any time.
     """
@@ -45,9 +45,9 @@ class RigLimit:
         constant: Mapping[str, Any],
         interval: float,
     ) -> Any:
-        """Return the limited quantity `(W, T, 1)`, with slopes if states and inputs have them.
+        """Return the limited quantity `(W, T, 1)`, with derivatives if states and inputs are duals.
 
-        The trapezoidal rule integrates over the sampling intervals [s], in which inputs are held.
+        The trapezoidal rule gives integrals; inputs are constant in each sampling `interval` [s].
         """
         if not self.integral:
             return self.formula.value({**constant, **states, **driven})
@@ -69,7 +69,7 @@ class RigLimit:
         constant: Mapping[str, Any],
         interval: float,
     ) -> Array:
-        """Return the integral over all samples as a form `(R, R)` of x, for signals `(T, R) @ x`.
+        """Return Q `(R, R)`: the integral over all samples is x' Q x for signals `(T, R) @ x`.
 
         The first element of x is one.
         """
@@ -85,7 +85,7 @@ class RigLimit:
         return np.asarray(0.5 * interval * sum(totals))
 
     def _power(self, names: Sequence[str], constant: Mapping[str, Any]) -> Array:
-        """Return the symmetric matrix of a formula that is quadratic in 1 and these names."""
+        """Return the symmetric matrix P of a quadratic formula y' P y, where y is (1, *names)."""
         n = len(names)
         points, units = np.vstack([np.zeros(n), np.eye(n)]), np.eye(n)
         duals = {name: Dual(points[:, [k]], units[k]) for k, name in enumerate(names)}
@@ -97,7 +97,7 @@ class RigLimit:
         return out
 
     def is_quadratic(self, names: Sequence[str]) -> bool:
-        """Return whether the formula is at most quadratic in `names`."""
+        """Return whether the formula is a polynomial of at most degree two in `names`."""
         x = np.append(1.0, 1.3 + np.arange(len(names)))
         values = {name: np.float64(1.7) for name in self.formula.names}
         exact = self.formula.value(values | dict(zip(names, x[1:], strict=True)))
@@ -105,7 +105,7 @@ class RigLimit:
 
 
 def excess(limited: Array, limits: Sequence[RigLimit]) -> Array:
-    """Return the excesses of quantities `(..., L)` over their limits; negative below `low`."""
+    """Return excesses of quantities `(..., L)`: positive above `high`, negative below `low`."""
     low = np.array([limit.low for limit in limits])
     high = np.array([limit.high for limit in limits])
     return np.asarray(np.maximum(limited - high, 0.0) + np.minimum(limited - low, 0.0))
@@ -116,7 +116,7 @@ def parse_limits(
 ) -> tuple[RigLimit, ...]:
     """Return limits such as `w_2=0:` or `integral(v*i)=:50`; raises `InputError`.
 
-    A formula has names of `states`, and may have `inputs` and `parameters`.
+    A formula must contain one of the `states`, and may contain `inputs` and `parameters`.
     """
     limits, issues = [], []
     for text in texts:
@@ -135,7 +135,7 @@ def parse_limits(
             )
             moving = [each for each in formula.names if each in (*states, *inputs)]
             if inner and not limit.is_quadratic(moving):
-                raise ValueError("integrate a power, of degree two in states and inputs")
+                raise ValueError("integrate only a power, of degree two in states and inputs")
             limits.append(limit)
         except ValueError as error:
             shown = str(error)

@@ -1,9 +1,9 @@
-"""Compute promised standard deviations under the actual priors, not Gaussian approximations.
+"""Predict standard deviations after a coming record, with exact instead of Gaussian priors.
 
 If a coming record does not determine a direction, the posterior follows the priors and their ends.
-The likelihood near a draw is Gaussian in the unknowns on their natural scales.  Its product with
-the priors is sampled by elliptical slices, which need no tuning (Murray, Adams and MacKay 2010).
-Some samples are simulated, and moved to the likelihood's curved ridge by a Gauss-Newton step.
+The likelihood near a draw is approximated by a Gaussian in the unknowns on natural scales.  Its
+product with the priors is sampled by elliptical slices (Murray, Adams and MacKay 2010).  Some
+samples are simulated, and moved to the likelihood's curved ridge by a Gauss-Newton step.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.sampling.samplers.elliptical_slices import elliptical_slices
 
 CHAINS = 1024  # number of chains, divided among the draws
-WARM_STEPS, KEPT_STEPS = 40, 60  # steps of each chain
-SIMULATED = 256  # samples that are moved to the ridge, divided among the draws
+WARM_STEPS, KEPT_STEPS = 40, 60  # number of steps of each chain, discarded and kept
+SIMULATED = 256  # number of samples that are moved to the ridge, divided among the draws
 
 
 def promise(
     posterior: Posterior, known: PresentKnowledge, slopes: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return relative sds `(k,)` of targets with `slopes (W, k, m)` after a record of a posterior.
+    """Return relative sds `(k,)` of targets with `slopes (W, k, m)` after the posterior's record.
 
     The sds are geometric means over draws.  The second result is the information `(W, m, m)` of the
     record at each draw.
@@ -40,13 +40,13 @@ def promise(
         points = _moved(space, np.repeat(theta[None], len(linear), axis=0), linear)
         beyond = study.changes(theta, points) - linear @ rows[w].T
         back = np.linalg.solve(gain[w] + known.precision, rows[w].T @ beyond.T).T
-        # The sd of all samples has less noise than that of simulated samples, which correct it.
+        # All samples give an sd with little noise; simulated samples give its correction factor.
         sds[w] *= ((linear - back) @ slopes[w].T).std(axis=0) / (linear @ slopes[w].T).std(axis=0)
     return geometric_mean(sds), gain
 
 
 def information(posterior: Posterior, draws: Array) -> Array:
-    """Return the information `(W, m, m)` of the records of a posterior at each of its draws."""
+    """Return the information `(W, m, m)` of the records of `posterior` at `draws (W, D)`."""
     study = SensitivityStudy(posterior.likelihood)
     rows = [study.with_nuisances(theta) for theta in draws]
     return np.stack([each.T @ each for each in rows])
@@ -66,14 +66,14 @@ def spreads(path: Array, slopes: Array) -> Array:
 
 
 def geometric_mean(sds: Array) -> Array:
-    """Return the means `(k,)` of sds `(W, k)` over draws."""
+    """Return the geometric means `(k,)` of sds `(W, k)` over draws."""
     return np.asarray(np.exp(np.log(sds).mean(axis=0)))
 
 
 def sample_deviations(
     space: ParameterSpace, known: PresentKnowledge, gain: Array, rng: np.random.Generator
 ) -> Array:
-    """Return deviations `(S, W, C, m)` from draws, on natural scales, after C chains for each draw.
+    """Return deviations `(S, W, C, m)` from draws on natural scales: S steps of C chains per draw.
 
     `gain (W, m, m)` is the information of a record at each draw.
     """
@@ -83,7 +83,7 @@ def sample_deviations(
     bases, logs = draws.repeat(chains, axis=0), _logs(space, m)
 
     def log_weight(points: Array, here: Indices) -> Array:
-        """Return the log of the ratio of the priors to their Gaussian approximation."""
+        """Return log(priors / Gaussian approximation of the priors)."""
         if known.gaussian:
             return np.zeros(len(points))
         gaussian = 0.5 * ((points @ known.precision) * points).sum(axis=1)

@@ -27,7 +27,7 @@ from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.record.experiment import Experiment, channels_first, frozen, with_states
 from bayesdrill.rig.simulators.contract import Simulator
 
-MAX_BYTES = 6e8  # memory of the slopes of all pulses before they are reduced
+MAX_BYTES = 6e8  # upper limit of memory for the slopes of all pulses before the QR decomposition
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,9 +39,9 @@ class ComingExperiment:
 
     @classmethod
     def like(cls, observation: Observation, source: SourceLimits) -> ComingExperiment:
-        """Return the experiment with another input; further measured inputs are held at their means.
+        """Return the experiment with `source`; all other measured inputs are held at their means.
 
-        Constant inputs stay, and series are added, as in `SensitivityStudy`.
+        A mean is added to a constant input of the same name, as in `SensitivityStudy`.
         """
         recorded, t = observation.experiment, source.t
         constant = dict(recorded.constant)
@@ -69,7 +69,7 @@ class ComingExperiment:
         return dataclasses.replace(self, observation=observation)
 
     def posterior(self, *batch: Array) -> Posterior:
-        """Return the posterior of records with these waveforms, whose samples are zero."""
+        """Return the posterior of a record for each waveform in `batch`; all samples are zero."""
         space, parts = self.observation.space, []
         assert space is not None
         for levels in batch:
@@ -88,7 +88,7 @@ class ComingExperiment:
         return with_states(self.observation.experiment, states, alone=self._states_alone)
 
     def _with_channels(self, shown: Array) -> Array:
-        """Return the channels and states in the result of the simulator `_shown`."""
+        """Return channels, then states, from the output `shown` of the simulator."""
         if not self._states_alone:
             return shown
         states = self.observation.response.model.states
@@ -111,7 +111,7 @@ class ComingExperiment:
         return both[:, :, :channels], both[:, :, channels:]
 
     def slopes(self, theta: Array, levels: Array) -> Array:
-        """Return slopes `(W, m, T, K)` of the channels by unknowns on natural scales."""
+        """Return derivatives `(W, m, T, K)` of the channels by unknowns on natural scales."""
         space = self.observation.space
         assert space is not None
         chosen = self.observation.simulator_parameters
@@ -120,14 +120,14 @@ class ComingExperiment:
         return self.observation.response.of(driven).course(*at)[1]
 
     def whitened(self, slopes: Array, theta: Array) -> Array:
-        """Return slopes `(n, T, K)` over the noise at `theta (D,)`, as `(n, T K)`."""
+        """Return slopes `(n, T, K)`, whitened by the noise at `theta (D,)`, as `(n, T K)`."""
         rows = self.observation.whitened_jacobian_at(slopes, theta)
         return np.asarray(rows.reshape(len(rows), -1))
 
 
 @dataclass(frozen=True, kw_only=True)
 class TargetCovariance:
-    """Covariances follow from `slopes (W, k, m)` of targets and the prior `precision (W, m, m)`."""
+    """Covariances follow from `slopes (W, k, m)` of targets and a prior `precision (W, m, m)`."""
 
     slopes: Array
     precision: Array
@@ -171,7 +171,7 @@ class SuperposedPulses:
         return fewer
 
     def _reduce(self, theta: Array) -> Array:
-        """Return roots `(W, R m, S + 1)` of slopes."""
+        """Return whitened slopes `(W, R m, S + 1)`, reduced by a QR decomposition for each draw."""
         coming, count = self.coming, self.coming.source.count
         still = coming.slopes(theta, np.zeros(count))
         courses = [still, *(coming.slopes(theta, level) for level in np.eye(count))]
@@ -195,7 +195,7 @@ class SuperposedPulses:
         return np.asarray(root.swapaxes(1, 2) @ root)
 
     def value_and_slope(self, levels: Array) -> tuple[float, Array]:
-        """Return the criterion and its derivative by the levels, `(S,)`."""
+        """Return the criterion and its gradient `(S,)` in the levels."""
         root = self._root(levels)
         value, pull = self.targets.criterion(root.swapaxes(1, 2) @ root)
         flat = (root @ pull).reshape(len(root), 1, -1)

@@ -1,9 +1,9 @@
 """Design an experiment that distinguishes a model from a rival, fitted to the same record.
 
-The rival's signals are taken to be linear in its unknowns near its fit of the expected record.  The
-difference of both signals then acts as the slope of one more unknown, of value one.  The information
-on this unknown is the squared difference, over the noise, that the rival cannot fit (T-optimality;
-Atkinson and Fedorov 1975).  The search of a design maximises this information.
+The rival's signals are linearised in its unknowns, near its fit of the expected record.  The
+difference between the signals of both models then acts as the slope of an additional unknown, of
+value one.  The information on this unknown is the sum of squared whitened differences that the
+rival cannot fit (T-optimality; Atkinson and Fedorov 1975).  The search maximises this information.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
-FIRST_STARTS = 4  # starts of a rival's first fit to each draw; later fits begin at the result
-FIT_STEPS = 25  # steps of Gauss-Newton
-ROUNDS = 2  # rounds of a fit and a search, as the rival's best fit depends on the waveform
-LEAST_INFORMATION = 1e-6  # of a difference; keeps the criterion of equal signals finite
-LEAST_LOG_ODDS = 1.0  # a design with lower odds does not distinguish the models
+FIRST_STARTS = 4  # number of starts of the first fit to each draw; later fits start at its result
+FIT_STEPS = 25  # number of Gauss-Newton steps of a fit
+ROUNDS = 2  # number of rounds (fit, then search), as the rival's best fit depends on the waveform
+LEAST_INFORMATION = 1e-6  # lower limit of information; keeps the odds of equal signals finite
+LEAST_LOG_ODDS = 1.0  # a design with lower expected log odds does not distinguish the models
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedExperiment(ComingExperiment):
     """Two models describe the same experiment, at the unknowns `theta (W, D + E)` of both.
 
-    The slopes are those of `rival`, followed by the difference of the signals.  The source is that of
-    the first model.
+    The slopes are those of `rival`, followed by the difference between the signals of both models.
+    The source is that of the first model.
     """
 
     rival: ComingExperiment
@@ -57,13 +57,13 @@ class ComparedExperiment(ComingExperiment):
         return theta[..., : len(space.free)], theta[..., len(space.free) :]
 
     def slopes(self, theta: Array, levels: Array) -> Array:
-        """Return slopes `(W, m + 1, T, K)`."""
+        """Return slopes `(W, m + 1, T, K)`, the difference last."""
         ours, theirs = self._split(theta)
         difference = self.motion(ours, levels)[0] - self.rival.motion(theirs, levels)[0]
         return np.concatenate([self.rival.slopes(theirs, levels), difference[:, None]], axis=1)
 
     def whitened(self, slopes: Array, theta: Array) -> Array:
-        """Return slopes `(n, T, K)` over the noise of the rival, as `(n, T K)`."""
+        """Return slopes `(n, T, K)` whitened by the noise of the rival, reshaped to `(n, T K)`."""
         return self.rival.whitened(slopes, self._split(theta)[1])
 
 
@@ -74,9 +74,9 @@ def design_against(
     known: PresentKnowledge,
     report: Reporter,
 ) -> ExperimentDesign:
-    """Design an experiment after which a rival, fitted to its record, has the worst odds.
+    """Design the experiment whose record gives the largest odds against a fitted rival.
 
-    `problem` is taken to be true.  Raises `InputError` if no waveform distinguishes both.
+    `problem` is assumed to be true.  Raises `InputError` if no waveform distinguishes both models.
     """
     _check_comparable(problem, rival, request)
     ours, theirs = problem.observations[0], rival.observations[0]
@@ -116,7 +116,7 @@ def design_against(
 
     odds = {name: expected(u) for name, u in waveforms.items()}
     if request.family == FREE:
-        # If a rival leaves its linear range, a usual waveform may be best.
+        # If the linearisation of the rival fails, a usual waveform may be best.
         designed.append(waveforms[max(odds, key=lambda name: odds[name])])
     levels = max(designed, key=expected)
     odds[DESIGNED] = expected(levels)
@@ -135,7 +135,7 @@ def design_against(
 
 
 def _check_comparable(problem: Problem, rival: Problem, request: DesignRequest) -> None:
-    """Raise `InputError` unless one experiment can have the source and the channels of both models."""
+    """Raise `InputError` unless both models have the source's input and the same channels."""
     request.source.check()
     if request.experiments > 1:
         raise InputError.at(
@@ -152,9 +152,9 @@ def _check_comparable(problem: Problem, rival: Problem, request: DesignRequest) 
 def fitted_rivals(
     ours: Posterior, theirs: Posterior, draws: Array, starts: Sequence[Array]
 ) -> tuple[Array, Array]:
-    """Fit a rival to the signals of each of `draws (W, D)`, from its starts `(n, E)`.
+    """Fit a rival to the signals at each of `draws (W, D)`, starting at its `starts (n, E)`.
 
-    Returns the remaining sums of squares `(W,)`, over the noise, and the fits `(W, E)`.
+    Returns the sums of squared whitened residuals `(W,)`, and the fitted unknowns `(W, E)`.
     """
     squares, fits = [], []
     for draw, begin in zip(draws, starts, strict=True):

@@ -1,9 +1,9 @@
 """Search the levels that minimise the criterion within all limits.
 
-For a linear rig a bounded quasi-Newton method (L-BFGS-B; Byrd, Lu, Nocedal and Zhu 1995) has the exact
-gradient, and limits of rig and slew are penalties.  For a rig with friction, levels are exchanged
-one after another (Meyer and Nachtsheim 1995).  Penalties are never exact.  The result is therefore
-moved towards a waveform that keeps all limits, until enough draws keep them.
+For a linear rig, a bounded quasi-Newton method (L-BFGS-B; Byrd, Lu, Nocedal and Zhu 1995) has the
+exact gradient.  Limits of the rig and of the slew rate are penalties.  For a rig with friction,
+levels are exchanged one after another (Meyer and Nachtsheim 1995).  Penalties are never exact, so
+the result is moved towards a waveform that keeps all limits, until enough draws keep them.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from bayesdrill.design.responses import (
 from bayesdrill.design.waveforms import FAMILIES
 
 PENALTIES = (1e1, 1e3, 1e5)  # increasing weights of squared excesses of the limits
-MAX_ITERATIONS = 120  # iterations of each search with one weight
-COARSE_DRAWS = 2  # number of draws in searches from all starts
+MAX_ITERATIONS = 120  # upper limit of iterations of a search with one weight
+COARSE_DRAWS = 2  # number of draws in the first, fast searches from all starts
 POLISHED = 2  # number of best results from which a search with all draws begins
 RANDOM_STARTS = 6  # random starts, in addition to the best waveforms of the usual families
-SWEEPS = 2  # passes of the exchange through all levels
+SWEEPS = 2  # upper limit of passes of the exchange through all levels
 EXCHANGED = 5  # number of levels that are tried in each hold interval
-CONSTANTS = 13  # number of constant levels that are tried as a waveform within the limits
-REFINEMENTS = 4  # grids of constant levels, each six times as fine as the one before
+CONSTANTS = 13  # number of constant levels in a grid, each tried as an allowed waveform
+REFINEMENTS = 4  # number of grids of constant levels, each six times as fine as the grid before
 
 
 def safe_waveform(check: LimitCheck, repair: Callable[[Array], Array]) -> Array:
     """Return a waveform that keeps all limits; raises `InputError` if none is found.
 
-    Constant levels are tried first, and the middle one of those that keep the limits is taken.  If
-    none does, the levels beside the one that exceeds them least are tried, in finer grids: those that
-    keep the limits may be few of a wide range.  At last `repair` moves the best one towards the limits.
+    A grid of constant levels is tried first, and the middle allowed level is returned.  If no level
+    is allowed, finer grids around the level with the least excess follow, as the allowed interval
+    may be narrow.  If these grids fail, too, `repair` reduces the excess of the best level.
     """
     source = check.coming.source
     ends = source.low, source.high
@@ -68,7 +68,7 @@ def usual_waveforms(
     safe: Array,
     rng: np.random.Generator,
 ) -> dict[str, Array]:
-    """Return the best waveform of each family that keeps the limits."""
+    """Return the best waveform of each family, after a move towards `safe` to keep the limits."""
     source, best = evaluation.coming.source, {}
     for name, family in FAMILIES.items():
         allowed = [check.shorten(safe, source.within(levels)) for levels in family(source, rng)]
@@ -99,7 +99,7 @@ def descend(
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Return the best levels of descents from `known` waveforms and from random ones."""
+    """Return the best levels of descents from the best `known` waveforms and from random levels."""
     source = evaluation.coming.source
     ranked = sorted(known.values(), key=lambda levels: value(evaluation, levels))
     starts = [*ranked[:2], *_random(evaluation, rng)]
@@ -133,7 +133,7 @@ def _random(evaluation: Evaluation, rng: np.random.Generator) -> Iterator[Array]
 def _minimise(
     evaluation: SuperposedPulses | None, penalty: LimitPenalty, start: Array, weight: float
 ) -> Array:
-    """Minimise the criterion, if there is one, plus `weight` times the penalties, from `start`."""
+    """Minimise the criterion, if `evaluation` is given, plus `weight` times the penalties."""
     from scipy.optimize import minimize  # late: few commands need this
 
     source = penalty.source
@@ -172,9 +172,9 @@ def exchange(
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Exchange levels of the best waveform, `safe` or one of `known`; all of these keep the limits.
+    """Exchange levels of the best `known` waveform, which keeps the limits; `safe` is unused.
 
-    Hold intervals, in random order, get the best of a few levels until no exchange helps.
+    In random order, each hold interval gets the best of a few levels, until no exchange helps.
     """
     source = evaluation.coming.source
     best = min(known.values(), key=lambda levels: value(evaluation, levels))

@@ -11,14 +11,14 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import Issue
 from bayesdrill.record.experiment import raise_if_any, times
 
-MAX_LEVELS = 200  # most levels of a waveform; memory grows with the square of their number
-LEAST_MOTION = 0.05  # share of its range that a source must be able to cross
-MAX_SAMPLES = 20_000  # most samples of a coming record, to bound the memory of sensitivities
+MAX_LEVELS = 200  # upper limit of levels of a waveform; memory grows with the number squared
+LEAST_MOTION = 0.05  # smallest fraction of its range that a source must cross within the record
+MAX_SAMPLES = 20_000  # largest number of samples, which bounds the memory of sensitivities
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceLimits:
-    """A source drives `input` between `low` and `high`, SI, and holds each level for `hold` [s].
+    """A source drives `input` between `low` and `high` (SI), and holds each level for `hold` [s].
 
     The record lasts `duration` [s] at `rate` [Hz].  Levels change by at most `slew` times the hold
     time, also from zero to the first level.
@@ -58,7 +58,7 @@ class SourceLimits:
         return np.asarray(levels[..., np.minimum(held, self.count - 1)])
 
     def within(self, levels: Array) -> Array:
-        """Return levels that the source can make, each the nearest after the one before."""
+        """Return the nearest levels that the source can reach, each from the level before."""
         step, before, out = self.slew * self.interval, 0.0, np.clip(levels, self.low, self.high)
         if step < math.inf:
             for k, level in enumerate(out):

@@ -34,14 +34,14 @@ from bayesdrill.design.waveforms import FREE
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.record.experiment import Experiment
 
-RECORDED, REPEATED, DESIGNED = "as recorded", "repeated", "designed"  # besides the families
+RECORDED, REPEATED, DESIGNED = "as recorded", "repeated", "designed"  # in addition to families
 NOTHING: Mapping[str, float] = MappingProxyType({})
 BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignRequest:
-    """A request names the targets in `learn`, which is empty for all that can be determined.
+    """A request names its targets in `learn`; empty means all products that can be determined.
 
     `family` is one of `waveforms.FAMILIES`, or `FREE`.  The number of coming experiments is
     `experiments`.
@@ -60,7 +60,7 @@ class TargetOutlook:
     """An outlook has relative sds of a target: `now`, and `after` each waveform.
 
     `hidden_by` names unknowns that an exact symmetry scales together with the target.  `remedies`
-    are actions that would break this symmetry, with factors by which sds would fall.
+    are actions that would break this symmetry, and factors by which the target's sd would fall.
     """
 
     name: str
@@ -83,13 +83,13 @@ class TargetOutlook:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExperimentDesign:
-    """A design has `levels (E, S)` of each experiment, and their promises for each target.
+    """A design has `levels (E, S)` of E experiments, and the outlook for each target.
 
     `criteria` are mean log determinants of the targets' covariance by waveform.  `bands (3, T, K)`
     are quantiles `BAND` of the channels in the first experiment, and `limited (3, t, L)` those of the
-    limited quantities.  `kept` is the least share of draws that keep the limits.  A design against
-    a rival model has `log_odds` by waveform, and no targets.  `variants` has sds of the targets by
-    the changed property of the experiment.
+    limited quantities.  In each experiment, at least the fraction `kept` of draws keeps the limits.
+    A design against a rival model has `log_odds` by waveform, and no targets.  `variants` has sds
+    of the targets by the name of a changed experiment.
     """
 
     request: DesignRequest
@@ -128,7 +128,7 @@ def design_experiment(
     usual = dict[str, Array]()
     precision = np.tile(known.precision, (len(known.draws), 1, 1))
     chosen = TargetCovariance(slopes=slopes, precision=precision)
-    for number in range(request.experiments):  # each design allows for the earlier ones
+    for number in range(request.experiments):  # each search allows for earlier designs
 
         def progress(share: float, number: int = number) -> None:
             report.update(
@@ -175,8 +175,8 @@ def search_levels(
 ) -> tuple[dict[str, Array], Array]:
     """Return the usual waveforms by name, and the levels of the requested family.
 
-    They are the best for `targets` at `theta (W, D)`, by default at the draws in `known`.  A
-    `smooth` rig is linear in its input.
+    The waveforms are the best for `targets` at `theta (W, D)`, by default at the draws in `known`.
+    A `smooth` rig is linear in its input.
     """
     theta = known.draws if theta is None else theta
     evaluation: Evaluation
@@ -229,10 +229,10 @@ def _outlooks(
     posteriors: Mapping[str, Posterior],
     seed: int,
 ) -> tuple[tuple[TargetOutlook, ...], dict[str, Array]]:
-    """Return outlooks of targets, and information matrices, after records with these posteriors."""
+    """Return outlooks of targets, and information matrices, after the records of `posteriors`."""
     slopes, after, informations = visibility.slopes, {}, {}
     for name, posterior in posteriors.items():
-        rng = seeds.stream(seed, "design", 2)  # equal for all waveforms
+        rng = seeds.stream(seed, "design", 2)  # the same random numbers for all waveforms
         after[name], informations[name] = promise(posterior, known, slopes, rng)
     space = posteriors[DESIGNED].space
     now = present_sds(space, known, slopes, seeds.stream(seed, "design", 2))
@@ -250,7 +250,7 @@ def _outlooks(
 
 
 def _refuse_hopeless(targets: Sequence[TargetOutlook], thresholds: IdentifySpec) -> None:
-    """Raise `InputError` if even the best waveform leaves every target to the prior."""
+    """Raise `InputError` if the designed waveform hardly narrows any target."""
     ratios = [target.designed / target.now for target in targets]
     if all(thresholds.classify(ratio) == "left to the prior" for ratio in ratios):
         pairs = zip(targets, ratios, strict=True)

@@ -20,12 +20,12 @@ from bayesdrill.inference.unknowns import SIMULATOR_ROLES, ParameterSpace
 from bayesdrill.record.experiment import raise_if_any
 
 UNCHANGED = 1e-9  # a target with a smaller relative derivative along a symmetry does not change
-INDEPENDENT = 1e-8  # relative singular value below which targets depend on each other
+INDEPENDENT = 1e-8  # relative singular value below which targets are linearly dependent
 
 
 @dataclass(frozen=True, slots=True)
 class DesignTarget:
-    """A target is a positive quantity whose relative standard deviation is to be reduced."""
+    """A target is a positive quantity whose relative sd the experiment is to reduce."""
 
     name: str
     formula: Expression
@@ -46,7 +46,7 @@ def gradients(targets: Sequence[DesignTarget], space: ParameterSpace, theta: Arr
 def parse_targets(problem: Problem, names: Sequence[str], theta: Array) -> tuple[DesignTarget, ...]:
     """Return the targets called `names`; raises `InputError` with all mistakes.
 
-    A name is that of a parameter or of a derived quantity of the config, or a formula.
+    A name is a parameter, a derived quantity of the config, or a formula.
     """
     space, targets, issues = problem.posterior.space, [], list[Issue]()
     known = [*space.named(theta[:1])]
@@ -74,7 +74,7 @@ def invariant_products(
 ) -> tuple[KnownProduct, ...]:
     """Return independent products that no exact symmetry changes, the best known first.
 
-    `information` is that of any waveform; it ranks the products by their accuracy.
+    `information` may come from any waveform, and ranks the products by their accuracy.
     """
     candidates = simple_exponents(len(structure.names))
     for symmetry in structure.symmetries:
@@ -107,7 +107,7 @@ def hidden_by(slopes: Array, structure: ScalingStructure) -> tuple[Exponents, ..
 
 
 def independent(slopes: Array) -> list[int]:
-    """Return indices of targets `(W, k, m)` that are independent of earlier ones (first draw)."""
+    """Return indices of targets that do not depend on earlier targets at the first draw."""
     chosen: list[int] = []
     for k in range(slopes.shape[1]):
         values = np.linalg.svd(slopes[0, [*chosen, k]], compute_uv=False)

@@ -17,7 +17,7 @@ from bayesdrill.design.source import SourceLimits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 
-REPEATS = (2, 4)
+REPEATS = (2, 4)  # numbers of repetitions of the experiment
 
 
 def variant_sds(
@@ -30,8 +30,8 @@ def variant_sds(
 ) -> dict[str, tuple[float, ...]]:
     """Return relative sds of targets with `slopes (W, k, m)` by the name of a variant.
 
-    The `coming` experiment, with the levels of a `batch`, resembles the `recorded` one.  The
-    promised `sds (k,)` of this experiment are scaled by ratios of Gaussian sds.
+    The predicted `sds (k,)` of the `coming` experiment with levels `batch` are multiplied by ratios
+    of Gaussian sds: variant / coming experiment.  `recorded` has the channels and the noise.
     """
     covariance = TargetCovariance(slopes=slopes, precision=known.precision)
 
@@ -41,7 +41,7 @@ def variant_sds(
 
     usual_sds, out = gaussian(coming.posterior(*batch)), {}
     for name, make in _variants(recorded, coming, batch):
-        with suppress(ValueError):  # this noise needs every sample
+        with suppress(ValueError):  # raised if the noise model needs every sample
             out[name] = tuple((sds * gaussian(make()) / usual_sds).tolist())
     return out
 

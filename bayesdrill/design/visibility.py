@@ -38,8 +38,8 @@ class TargetVisibility:
     """The k targets have relative derivatives `slopes (W, k, m)`; the `visible` ones can be learnt.
 
     For each target, `hidden_by` names the unknowns that each exact symmetry changes together with
-    it.  `remedies` are actions that would break such a symmetry, and the factors by which the sd of
-    the target would fall.
+    the target.  `remedies` are actions that would break such a symmetry, and the factors by which
+    the sd of the target would fall.
     """
 
     targets: tuple[DesignTarget, ...]
@@ -50,7 +50,7 @@ class TargetVisibility:
 
     @property
     def independent(self) -> list[int]:
-        """Return the indices of visible targets that do not follow from earlier ones."""
+        """Return the indices of visible targets that do not follow from earlier visible targets."""
         return [self.visible[k] for k in independent(self.slopes[:, list(self.visible)])]
 
 
@@ -61,9 +61,9 @@ def examine_targets(
     known: PresentKnowledge,
     rng: np.random.Generator,
 ) -> TargetVisibility:
-    """Examine the targets named in `learn`; without names, all products that can be learnt.
+    """Examine the targets named in `learn`; without names, all products that can be determined.
 
-    Raises `InputError` if no waveform can show any of them.
+    Raises `InputError` if no waveform can determine any of the targets.
     """
     source = coming.source
     # A symmetry under random levels holds for every waveform.

@@ -1,4 +1,4 @@
-"""Make the usual waveforms, with which a design is compared and from which its search begins."""
+"""Make the usual waveforms, with which a design is compared and from which searches begin."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.design.source import SourceLimits
 
 SEQUENCES = 8  # number of random sequences, of which the best is used
-STAIRS = 5
-SINES = 6
+STAIRS = 5  # number of levels of a staircase
+SINES = 6  # number of sines of a multisine
 
 
 def _scaled(source: SourceLimits, shape: Array) -> Array:
-    """Return levels over the whole range of a source, of a `shape (S,)` between -1 and 1."""
+    """Return levels for a `shape (S,)`, where -1 and 1 are the ends of a source's range."""
     half = 0.5 * (source.high - source.low)
     return np.asarray(source.low + half * (1.0 + np.clip(shape, -1.0, 1.0)))
 
@@ -26,7 +26,7 @@ def _phase(source: SourceLimits) -> Array:
 
 
 def step(source: SourceLimits, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield a step to the larger end of the range."""
+    """Yield a step from zero to the end of the range with the larger absolute value."""
     end = source.high if source.high >= -source.low else source.low
     yield np.full(source.count, end)
 
@@ -38,7 +38,7 @@ def prbs(source: SourceLimits, rng: np.random.Generator) -> Iterator[Array]:
 
 
 def chirp(source: SourceLimits, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield sines whose frequency rises from one period per record, and falls to it."""
+    """Yield sines whose frequency rises from one period per record, and the reversed sines."""
     x = _phase(source)
     for periods in (source.count / 8, source.count / 4):
         rising = np.cos(2 * np.pi * (x + 0.5 * (periods - 1.0) * x**2))
@@ -64,7 +64,7 @@ def stairs(source: SourceLimits, rng: np.random.Generator) -> Iterator[Array]:
 
 
 def coast(source: SourceLimits, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield a start, a coast at the level nearest to zero, and a reversal if the range has any."""
+    """Yield waveforms of three levels: high, nearest to zero, low; and high, low, high."""
     third = np.minimum(np.floor(3 * _phase(source)), 2).astype(int)
     rest = float(np.clip(0.0, source.low, source.high))
     yield np.array([source.high, rest, source.low])[third]
@@ -82,4 +82,4 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
         "coast": coast,
     }
 )
-FREE = "free"  # the family of all levels
+FREE = "free"  # the family of waveforms with any levels
