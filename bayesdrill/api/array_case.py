@@ -36,7 +36,7 @@ class Channel(Value):
     sigma : float or mapping
         The standard deviation of the noise in `unit`, or its prior, written as in a config.
     measures : str, optional
-        The measured state or sum of states, such as `"theta_1 - theta_2"`; default: the name.
+        A state or a sum of states, such as `"theta_1 - theta_2"`; by default the channel's name.
     noise : str or mapping, optional
         The kind of noise, or its entries, written as in a config; by default white.
     gain, offset, lag : float or mapping, optional

@@ -112,7 +112,7 @@ class Case(arguments.ExperimentPlanner, Value):
         Returns
         -------
         str
-            Lines on columns, priors, size of results and doubts, and whether sampling can start.
+            Lines on columns, priors, doubts and size of results, and whether sampling can start.
 
         Examples
         --------

@@ -253,8 +253,8 @@ def compare(
 ) -> Comparison:
     """Compare models of one record by their evidence (bridge sampling, Meng and Wong 1996).
 
-    The evidence of a model is the likelihood of the record, averaged over the model's priors.  So
-    priors that are wider lower the evidence; see `docs/compare.md`.
+    The evidence of a model is the likelihood of the record, averaged over the model's priors.
+    Wider priors therefore lower the evidence; see `docs/compare.md`.
 
     Parameters
     ----------

@@ -319,7 +319,7 @@ def export(
     folder : str or path
         The folder of the run.
     to : {"json", "mjcf", "dcmotor"}
-        The format: JSON, MJCF (MuJoCo), or MJCF with the `dcmotor` actuators of MuJoCo 3.5.
+        The format: JSON, MJCF (MuJoCo), or MJCF with `dcmotor` actuators (MuJoCo 3.5 or later).
     output : str or path, optional
         A file to which the text is written, too.
     draws, seed : int
