@@ -1,5 +1,5 @@
-"""Provide the Python API for notebooks and scripts: all commands, with printable results.
+"""Provide the Python API for notebooks and scripts: all commands as functions and classes.
 
-Arguments are checked by their annotations and by name (`arguments`). The work itself is done in
-`tasks`.
+`arguments` checks the types of arguments, and the names in them. The package `tasks` does the
+work. `print` shows a result.
 """

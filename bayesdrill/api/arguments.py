@@ -1,4 +1,4 @@
-"""Check the API's arguments; define base classes of jobs with many fits and of planners."""
+"""Check arguments of the API; define the base classes `ManyFits` and `ExperimentPlanner`."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from bayesdrill.tasks.remote import RefitExecutor
 
 
-MOST_PROCESSES = 256  # each process needs the memory of all libraries
+MOST_PROCESSES = 256  # largest number of worker processes; each loads all libraries into memory
 
 
 def series(location: str, values: Any, issues: list[Issue]) -> Array:
-    """Return numbers `(T,)`, NaN for masked ones; mistakes are added to `issues`."""
+    """Return an array as floats `(T,)`, NaN if masked; mistakes are added to `issues`."""
     try:
         masked = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
         raw = np.asarray(values)
@@ -53,14 +53,14 @@ def series(location: str, values: Any, issues: list[Issue]) -> Array:
         try:
             numbers = raw.astype(np.float64)
         except (TypeError, ValueError, OverflowError):
-            issues.append(Issue(location, "some of these are not numbers"))
+            issues.append(Issue(location, "some of these values are not numbers"))
         else:
             return numbers if masked is None else np.where(masked.reshape(-1), np.nan, numbers)
     return np.zeros(0)
 
 
 def rig(value: Any) -> Model:
-    """Return the given model, or the default model of this name; raises `InputError`."""
+    """Return a given model, or build a model with defaults from its name; raises `InputError`."""
     kinds = tuple(MODELS.usable().values())
     if isinstance(value, kinds):
         return value
@@ -79,7 +79,7 @@ def known[T](registry: Mapping[str, T], name: Any, location: str, what: str) -> 
 
 
 def whole(location: str, value: int, least: int) -> int:
-    """Check a whole number of at least `least` and at most 64 bits; raises `InputError`."""
+    """Return a whole number; raises `InputError` below `least` and from 2**64 on."""
     if not least <= value < 2**64:
         message = f"{short_repr(value)} is not a whole number from {least} to 2**64 - 1"
         raise InputError.at(location, message)
@@ -87,7 +87,7 @@ def whole(location: str, value: int, least: int) -> int:
 
 
 def mode(*, resume: bool, force: bool) -> WriteMode:
-    """Return the treatment of existing results; raises `InputError` if both flags are given."""
+    """Return how existing results are treated; raises `InputError` if both flags are set."""
     if resume and force:
         raise InputError.at("", "--resume and --force exclude each other; give one of them")
     return "resume" if resume else "force" if force else "fresh"
@@ -99,7 +99,7 @@ def results_folder(folder: str | Path | None, default: Path) -> Path:
 
 
 def workers(processes: int | None) -> int:
-    """Return the number of processes; None means one for each processor. Raises `InputError`."""
+    """Return the number of processes, by default that of processors; raises `InputError`."""
     if processes is None:
         return available_processors()
     count = whole("processes", processes, 1)
@@ -109,7 +109,7 @@ def workers(processes: int | None) -> int:
 
 
 def crew(processes: Any, scheduler: str | None) -> AbstractContextManager[RefitExecutor]:
-    """Return an executor on this machine (see `workers`), or on the Dask cluster of a scheduler."""
+    """Return an executor with local processes, or on the Dask cluster with this scheduler."""
     from bayesdrill.tasks import remote
 
     if scheduler is not None:
@@ -118,14 +118,14 @@ def crew(processes: Any, scheduler: str | None) -> AbstractContextManager[RefitE
 
 
 def is_series(value: Any) -> bool:
-    """Return whether a value is a sequence or array, and no single number or text."""
+    """Return whether a value is a sequence or an array, not a single number or a string."""
     if isinstance(value, np.ndarray):
         return value.ndim > 0
     return hasattr(value, "__len__") and not isinstance(value, str)
 
 
 def number(location: str, value: Any, issues: list[Issue], *, positive: bool = False) -> float:
-    """Return a finite number; NaN for a mistake, which is added to `issues`."""
+    """Return a finite number as a float; any other value is added to `issues` as a mistake."""
     try:
         read = float(value) if not isinstance(value, str | bool | np.bool) else float("nan")
     except (TypeError, ValueError, OverflowError):
@@ -137,7 +137,7 @@ def number(location: str, value: Any, issues: list[Issue], *, positive: bool = F
 
 
 def number_or_series(location: str, value: Any, issues: list[Issue]) -> Array:
-    """Return a number as array of shape `()`, or several `(T,)`; mistakes are added to `issues`."""
+    """Return a number as an array `()`, or a series `(T,)`; mistakes are added to `issues`."""
     if is_series(value):
         return series(location, value, issues)
     return np.array(number(location, value, issues))
@@ -146,16 +146,16 @@ def number_or_series(location: str, value: Any, issues: list[Issue]) -> Array:
 def check_names(
     names: Collection[str], given: Collection[str], location: str, owner: str, issues: list[Issue]
 ) -> None:
-    """Add a mistake to `issues` for each unknown name of `given`, and for each missing one."""
+    """Add an issue for each name in `given` that is not in `names`, and for each missing name."""
     for name in given:
         if name not in names:
             hint = did_you_mean(name, names)
-            issues.append(Issue(f"{location}.{name}", f"{owner} has none{hint}"))
+            issues.append(Issue(f"{location}.{name}", f"{owner} has no such name{hint}"))
     issues += [Issue(f"{location}.{name}", "is missing") for name in names if name not in given]
 
 
 def times(t: Any, issues: list[Issue]) -> Array:
-    """Return increasing times `(T,)` in s; mistakes are added to `issues`."""
+    """Check and return increasing times `(T,)` in s; mistakes are added to `issues`."""
     values = series("t", t, issues)
     if not issues and len(values) < 2:
         issues.append(Issue("t", f"{len(values)} times; give at least two"))
@@ -168,7 +168,7 @@ def times(t: Any, issues: list[Issue]) -> Array:
 class ManyFits[T]:
     """A job with many fits can run in several processes or on a cluster.
 
-    The name of its folder ends with `kind`.
+    By default, the name of the results folder ends with `kind`.
     """
 
     job: Job
@@ -176,7 +176,7 @@ class ManyFits[T]:
     kind: ClassVar[str]
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Return the folder of the results of `run`, by default `results/<name>-<kind>`."""
+        """Return the folder for the results of `run`, by default `results/<name>-<kind>`."""
         default = Path("results") / f"{self.job.config.name}-{self.kind}"
         return results_folder(folder, default)
 
@@ -190,30 +190,30 @@ class ManyFits[T]:
         scheduler: str | None = None,
         report: Reporter | None = None,
     ) -> T:
-        """Run all fits and save their results, each as soon as it is done.
+        """Run all fits; save the result of each fit as soon as the fit is done.
 
         Parameters
         ----------
         folder : str or path, optional
-            The folder of the results, see `place`.
+            The folder for the results; by default see `place`.
         resume, force : bool
-            Whether to continue an interrupted job in `folder`, or to replace it.
+            `resume` continues an interrupted job in `folder`; `force` replaces its results.
         processes, report
             See `Case.sample`.
         scheduler : str, optional
-            The address of the scheduler of a Dask cluster, which replaces the processes.
+            The address of a Dask scheduler; the fits then run on its cluster, not in `processes`.
 
         Returns
         -------
         CalibrationOutcome, LadderOutcome or CampaignOutcome
-            The folder and the results; `said` is their text.
+            The folder and the results; `said` is the text that describes them.
 
         Raises
         ------
         InputError
             If an argument is wrong or the folder cannot be used.
         Interrupted
-            When asked to stop.
+            If a signal, such as Ctrl-C, stops the job.
         """
         how, path = mode(resume=resume, force=force), self.place(folder)
         with crew(processes, scheduler) as executor:
@@ -226,7 +226,7 @@ class ManyFits[T]:
 
 @check_arguments
 class ExperimentPlanner:
-    """A planner designs experiments with the channels and noise of the record of its `job`."""
+    """A planner designs experiments, whose channels and noise are those of its `job`."""
 
     job: Job
 
@@ -236,7 +236,7 @@ class ExperimentPlanner:
 
     @staticmethod
     def check_design_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` if a design could not be saved in `folder`, before the search."""
+        """Raise `InputError` if `folder` cannot take a design; call it before the slow `design`."""
         refuse_other_text(Path(folder).expanduser(), DESIGN, force=force)
 
     def design(
@@ -259,49 +259,49 @@ class ExperimentPlanner:
     ) -> Designed:
         """Design the next experiment: the most informative waveform of an input.
 
-        The prior knowledge is the priors of a case, or the posterior of a run.  The sensitivities
+        The design starts from the priors of a case, or the posterior of a run.  The sensitivities
         of a linear rig are linear in its input, so the search has an exact gradient.  A rig with
-        friction is simulated for each waveform.
+        friction is simulated anew for each waveform that the search tries.
 
         Parameters
         ----------
         learn : str or sequence of str
-            Parameters, derived quantities, or formulas such as `"k_s/j_1"`; by default all products
-            that can be determined.
+            Parameters, derived quantities, or formulas such as `"k_s/j_1"`, to be determined well;
+            by default all products of parameters that can be determined.
         tell : Case, optional
-            Another model of the same channels, to be distinguished from this one.
+            A rival model of the same channels; the experiment shall tell which model is true.
         input : str, optional
-            The input that is designed; by default the one that drives the rig.
+            The input whose waveform is designed; by default the input that drives the rig.
         low, high : float, optional
-            The range of the source in SI; by default that of the record and zero.
+            The range of the input in SI; by default that of the record, widened to include zero.
         hold : float, optional
-            The time in s for which each level is held; by default a 40th of the duration.
+            The time in s for which each level is held; by default duration / 40.
         duration, rate : float, optional
-            The length of the coming record in s and its rate in Hz; by default those of the record.
+            The length in s and sampling rate in Hz of the new record; by default as in the old one.
         slew : float, optional
-            The largest change of the source per s; by default none.
+            The largest change of the input in SI per second; by default unlimited.
         limits : str or sequence of str
-            Bounds of formulas of states, inputs and parameters in SI, for 99 % of the draws.
+            Bounds `formula=low:high` in SI on states, inputs and parameters, kept in 99 % of draws.
             Examples are `"w_2=0:"`, which keeps a motor from turning backwards, `"theta_1 -
             theta_2=-1:1"`, and `"integral(r_m*i**2)=:50"` for the heat over the run.
         family : str, optional
-            `free` levels (the default), or `step`, `prbs`, `chirp`, `multisine`, `steps` or `coast`.
+            `free` levels (the default), `step`, `prbs`, `chirp`, `multisine`, `steps` or `coast`.
         experiments : int
-            The number of coming experiments; each design allows for the earlier experiments.
+            The number of new experiments; each design includes the information of the earlier ones.
         draws : int
-            The number of draws over which the design is averaged; 1 takes the start values of a case.
+            The number of draws over which the design is averaged; with 1, a case uses start values.
         report : Reporter, optional
-            Receives the progress, see `sample`.
+            Receives the progress, see `Case.sample`.
 
         Returns
         -------
         Designed
-            The levels and the promised standard deviations; `print` shows them.
+            The levels, and the standard deviations expected from them; `print` shows both.
 
         Raises
         ------
         InputError
-            If numbers or limits contradict each other, or no waveform helps; with a way out.
+            If arguments contradict each other, or no waveform helps; the message names a remedy.
 
         Examples
         --------

@@ -25,20 +25,20 @@ PRIORS = "a prior, a number or 'nominal' for each name"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel(Value):
-    """A channel is one measured signal of the rig; `bd.case` checks it.
+    """A channel is a measured signal of the rig; `bd.case` checks its entries.
 
     Parameters
     ----------
     values : array_like, shape (T,)
-        The samples in `unit`, at the times of the case; NaN where there is none.
+        The samples in `unit`, at the times of the case; NaN where a sample is missing.
     unit : str
         The unit, such as `"rpm"`.
     sigma : float or mapping
-        The standard deviation of the noise in `unit`, or a prior as in a config.
+        The standard deviation of the noise in `unit`, or its prior, written as in a config.
     measures : str, optional
         A state or a sum of states, such as `"theta_1 - theta_2"`; by default the channel's name.
     noise : str or mapping, optional
-        The kind of noise, with entries as in a config; by default white.
+        The kind of noise, or its entries, written as in a config; by default white.
     gain, offset, lag : float or mapping, optional
         Errors of the sensor: a factor, an offset in `unit` and a lag in s, as numbers or priors.
 
@@ -61,7 +61,7 @@ class Channel(Value):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Input(Value):
-    """An input is one measured signal that drives the rig; `bd.case` checks it.
+    """An input is a measured signal that drives the rig; `bd.case` checks its entries.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Input(Value):
         The unit, such as `"V"`.
     hold : {"zero", "first"}, optional
         How the input continues between samples: constant (zero-order hold) or linear (first-order
-        hold).  By default angles are linear, and all other inputs are constant.
+        hold).  By default, angles are linear between samples, and all other inputs constant.
     gain, offset, lag : float or mapping, optional
         Errors of the sensor, see `Channel`.
 
@@ -104,8 +104,8 @@ def case(
 ) -> Case:
     """Make a case from arrays, without any file.
 
-    The rig is at rest at 0 s, or at the first sample if an input is measured.  The section
-    `initial={"w_1": ...}` gives other values.
+    The rig starts at rest, at 0 s or, if an input is measured, at the first sample.  The section
+    `initial={"w_1": ...}` sets another start state.
 
     Parameters
     ----------
@@ -114,22 +114,22 @@ def case(
     channels : mapping of str to Channel
         The measured channels.
     inputs : mapping of str to Input or float
-        For each input of the rig, measured values or a constant in SI.
+        For each input of the rig, measured values, or a constant value in SI.
     parameters : mapping of str to prior, float or "nominal"
         For each parameter of the rig, a prior, such as `{"prior": "uniform", "low": 0.1, "high":
-        1.0}`, a fixed value in SI, or `"nominal"` for its nominal value.  An optional parameter of
-        the rig, such as `c_s`, is part of the model if it is named.
+        1.0}`, a fixed value in SI, or `"nominal"` for its nominal value.  The model has an
+        optional parameter of the rig, such as `c_s`, only if the mapping names it.
     rig : str or Model
         The name of a rig, or a model such as `bd.MotorShaft(i_m=1 / 8)`.
     nominal : str or mapping of str to float, optional
-        The nominal values: the name of a table, or values in SI.  By default, nominal values come
-        from the table `"tables_2_3"` if parameters need them.
+        The nominal values: the name of a table, or values in SI.  By default, they come from the
+        table `"tables_2_3"` if a parameter is `"nominal"`.
     seed : int
-        The seed of all random numbers.
+        The integer seed from which all random streams are derived.
     name : str
         The name of the case in reports.
     **entries
-        Further sections of a config (`docs/config.md`), such as `sampler={"ess": 1000}` or
+        Other sections of a config (see `docs/config.md`), such as `sampler={"ess": 1000}` or
         `record={"missing": "drop"}`.
 
     Returns
@@ -140,7 +140,7 @@ def case(
     Raises
     ------
     InputError
-        With all mistakes of the arguments.
+        With all mistakes in the arguments.
     """
     columns, measured = _columns(t, channels, inputs)
     record = entries.pop("record", {})
@@ -175,7 +175,7 @@ def case(
 def _columns(
     t: ArrayLike, channels: Mapping[str, Channel], inputs: Mapping[str, Input | float]
 ) -> tuple[dict[str, Array], dict[str, Input]]:
-    """Return the columns `(T,)` of times, channels and inputs, and the measured inputs."""
+    """Return the columns `(T,)` of the times, channels and inputs, and the specs of the inputs."""
     issues: list[Issue] = []
     columns: dict[str, Array] = {job.TIME_COLUMN: arguments.series("t", t, issues)}
     for name, channel in channels.items():
@@ -209,6 +209,6 @@ def _columns(
 
 
 def _entry(column: str, spec: Channel | Input) -> dict[str, Any]:
-    """Return the entry of a config for a channel or an input whose samples stand in `column`."""
+    """Return the config entry of a channel or an input with its samples in `column`."""
     fields = {f.name: getattr(spec, f.name) for f in dataclasses.fields(spec) if f.name != "values"}
     return {"column": column, **{key: value for key, value in fields.items() if value is not None}}

@@ -1,4 +1,4 @@
-"""Run campaigns: many runs of one config, as a population."""
+"""Run campaigns: fit one config to many records, and then the population of their posteriors."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 @arguments.check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class Campaign(ManyFits["CampaignOutcome"], Value):
-    """A campaign fits many runs, each by itself, and then their population.
+    """A campaign fits many runs separately, and then the distribution of their parameters.
 
-    Make it with `bd.campaign`.
+    `bd.campaign` makes one.
 
     Parameters
     ----------
     plan : CampaignPlan
-        The entries of the campaign's file, and the runs.
+        The entries of the campaign's file, and its runs.
     pages : tuple of str
-        The runs for which `run` makes pages.
+        The runs whose misfit `run` explains on a page.
     """
 
     plan: CampaignPlan
@@ -42,11 +42,11 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
     kind: ClassVar[str] = "campaign"
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Return the folder of the results of `run`, by default `results/<name>`."""
+        """Return the folder for the results of `run`, by default `results/<name>`."""
         return arguments.results_folder(folder, Path("results") / self.plan.spec.name)
 
     def preview(self, report: Reporter | None = None) -> str:
-        """Read all records, and describe the runs in words.
+        """Read all records, and describe the runs in a text.
 
         Parameters
         ----------
@@ -56,7 +56,7 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
         Returns
         -------
         str
-            Runs, rigs, times and noted columns, and findings that look wrong.
+            The runs, rigs, times and noted columns, and whatever looks wrong in a record.
 
         Raises
         ------
@@ -83,26 +83,26 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
 
 @arguments.check_arguments
 def campaign(path: str | Path, *, seed: int | None = None, pages: Sequence[str] = ()) -> Campaign:
-    """Prepare a campaign: list its runs, without reading their records; its `run` does the work.
+    """Prepare a campaign: list its runs, but do not read records; `Campaign.run` does the work.
 
     Parameters
     ----------
     path : str or path
         The file of the campaign.
     seed : int, optional
-        The seed of all runs, by default that of the file.
+        The seed for all runs; by default the seed in the file.
     pages : sequence of str, optional
-        Runs that get pages with the causes of a misfit; "outliers" stands for all outliers.
+        Names of runs that get a page with causes of their misfit; "outliers" names all outliers.
 
     Returns
     -------
     Campaign
-        The job.
+        The campaign, before any fit.
 
     Raises
     ------
     InputError
-        With all mistakes of the file and its table of runs.
+        With all mistakes in the file and in its table of runs.
 
     Examples
     --------
@@ -127,30 +127,30 @@ def watch(
     scheduler: str | None = None,
     report: Reporter | None = None,
 ) -> Iterator[str]:
-    """Watch a campaign: new files join as runs, and all results are updated.
+    """Watch a campaign: add new files as runs, update all results, and yield alarms.
 
     Parameters
     ----------
     path : str or path
         The file of the campaign, or a folder with a `campaign.yaml`.
     folder : str or path, optional
-        The folder of the results, by default `results/<name>`; earlier results there are continued.
+        The folder for the results, by default `results/<name>`; earlier results are resumed.
     once : bool
-        Whether to look only once.
+        Whether to look for files only once, and then return.
     interval : float
-        Seconds from one look to the next.
+        The time in s between two looks for new files.
     processes, scheduler, report
         See `Campaign.run`.
 
     Yields
     ------
     str
-        Each alarm that was not raised before, as a line of JSON.
+        Each alarm that is new, as a line of JSON.
 
     Raises
     ------
     InputError
-        With all mistakes of the file.  A bad record is an alarm.
+        With all mistakes in the file.  A bad record is reported by an alarm instead.
 
     Examples
     --------
@@ -166,7 +166,7 @@ def watch(
 
 
 def is_campaign(path: Path) -> bool:
-    """Return whether a file describes a campaign, not a config."""
+    """Return whether a file is that of a campaign, not a config."""
     return path.is_file() and _BASE.search(path.read_bytes()) is not None
 
 

@@ -1,4 +1,4 @@
-"""Define cases: a record, a rig and priors, which can be checked, fitted and sampled."""
+"""Define the class `Case`: a record, a rig and priors, to be checked, fitted and sampled."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 VALUES = "a number in SI, or several, for each unknown"
 
-POINTS_AT_ONCE = 50  # number of points, since some noises keep all samples of each point
+POINTS_AT_ONCE = 50  # largest number of points; some noises need memory for points x samples
 
 
 def _figure_file(job: Job, option: str, path: str | Path) -> Path:
@@ -53,23 +53,23 @@ class Case(arguments.ExperimentPlanner, Value):
     the posterior, the probability density of the unknowns after the record is seen.
 
     Make a case from a config with `bd.load`, or from arrays with `bd.case`.  `print(case)` shows its
-    unknowns and their priors.  All values are in SI.  The usual order of work is:
+    model and unknowns.  All values are in SI.  The usual order of work is:
 
     1. `case.identify()` predicts how well the record determines each unknown, before any fit.
-    2. `case.find_map()` finds the maximum of the posterior, a `bd.Best`.  Look at its `plot()`: the
-       residuals should look like the noise.
+    2. `case.find_map()` finds the maximum of the posterior, a `bd.Best`.  Its `plot()` shows the
+       residuals, which should look like the noise.
     3. `case.sample()` draws from the posterior.  The result is a `bd.Run` with means, intervals,
        correlations and figures.  Check that it has `converged`.
     4. `run.judge()` compares the posterior with nominal values, such as those of a data sheet.
 
-    `case.run(folder)` does all of this for a config, and saves the results in a folder.
+    `case.run(folder)` takes all four steps for a case from a config, and saves the results.
 
     Parameters
     ----------
     job : Job
         The checked config with its record.
     columns : mapping of str to array, shape (T,), optional
-        The record, if no file contains it.
+        The record as arrays, if it is not in a file.
 
     See Also
     --------
@@ -78,7 +78,7 @@ class Case(arguments.ExperimentPlanner, Value):
 
     Examples
     --------
-    A simulated step of the motor's voltage shows the stiffness of the shaft, here the only unknown:
+    The only unknown here is the shaft's stiffness, and the record is a simulated voltage step:
 
     >>> t = np.linspace(0.0, 4.0, 81)
     >>> w_1 = bd.respond("motor_shaft", bd.nominal(), t, {"v": 8.0}, "w_1")["w_1"]
@@ -100,19 +100,19 @@ class Case(arguments.ExperimentPlanner, Value):
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Return the names of all unknowns, in the order of draws."""
+        """Return the names of all unknowns, in the order of the columns of draws."""
         return self.job.problem.names
 
     def __str__(self) -> str:
         return words.opening(self.job.problem)
 
     def preview(self) -> str:
-        """Return the text of `bayesdrill check`: columns, priors, sizes, doubts, and a conclusion.
+        """Return the text that the command `bayesdrill check` prints.
 
         Returns
         -------
         str
-            A text of several lines for the terminal.
+            Lines on columns, priors, doubts and size of results, and whether sampling can start.
 
         Examples
         --------
@@ -127,22 +127,22 @@ class Case(arguments.ExperimentPlanner, Value):
         return "\n".join([*known, words.validity(doubts, self.job.source.text)])
 
     def log_density(self, values: Annotated[Mapping[str, ArrayLike], VALUES]) -> Array:
-        """Compute the log of likelihood times prior over the unknowns.
+        """Compute the unnormalised log posterior: log likelihood + log prior.
 
         Parameters
         ----------
         values : mapping of str to array_like, shape () or (N,)
-            A number or N numbers for each unknown, in SI.
+            For each unknown, a number or N numbers, in SI.
 
         Returns
         -------
         array, shape (N,)
-            The log likelihood plus the log prior, each normalised; -inf outside the priors.
+            The sum of the two normalised log densities; -inf outside the ranges of the priors.
 
         Raises
         ------
         InputError
-            With all mistakes of `values`.
+            With all mistakes in `values`.
 
         Examples
         --------
@@ -158,7 +158,7 @@ class Case(arguments.ExperimentPlanner, Value):
         }
         lengths = {len(column) for column in columns.values() if column.ndim}
         if len(lengths) > 1:
-            issues.append(Issue("values", f"give {VALUES}, and equally many"))
+            issues.append(Issue("values", f"give {VALUES}, with one length for all series"))
         raise_if_any(issues)
         theta = np.empty((max(lengths, default=1), len(names)))
         for position, name in enumerate(names):
@@ -172,7 +172,7 @@ class Case(arguments.ExperimentPlanner, Value):
         Parameters
         ----------
         path : str or path
-            The file, a .pdf, .png or .svg.
+            The file to write; its name ends with .pdf, .png or .svg.
 
         Returns
         -------
@@ -182,7 +182,7 @@ class Case(arguments.ExperimentPlanner, Value):
         Raises
         ------
         InputError
-            If the file has another ending, or is a file of the record.
+            If the name has another ending, or the file is part of the record.
 
         Examples
         --------
@@ -195,12 +195,12 @@ class Case(arguments.ExperimentPlanner, Value):
         return f"figure: {save_rig(problem.model, to)}"
 
     def draw_record(self, path: str | Path) -> str:
-        """Draw channels and inputs over time, a figure for each experiment.
+        """Draw channels and inputs against time; each experiment has its own figure.
 
         Parameters
         ----------
         path : str or path
-            The file, a .pdf, .png or .svg.  Several experiments get files with their names.
+            The file to write, a .pdf, .png or .svg; several experiments add their names to it.
 
         Returns
         -------
@@ -210,9 +210,9 @@ class Case(arguments.ExperimentPlanner, Value):
         Raises
         ------
         InputError
-            If the file is of another kind, or is one of the record.
+            If the name has another ending, or the file is part of the record.
         """
-        from bayesdrill.report.sections.fit import save_record  # late: few draw a record
+        from bayesdrill.report.sections.fit import save_record  # late: it loads what draws
 
         to = _figure_file(self.job, "--figure-record", path)
         written = save_record(self.job.problem, to)
@@ -227,23 +227,23 @@ class Case(arguments.ExperimentPlanner, Value):
     ) -> identify.Findings:
         """Predict how well the record determines each unknown, before any sampling.
 
-        The Fisher information of the record, from the sensitivities of its channels, bounds the standard
-        deviation of each unknown (Cramer and Rao).
+        The Fisher information, from the sensitivities of the channels, gives a lower bound of the
+        standard deviation of each unknown (Cramer and Rao).
 
         Parameters
         ----------
         profiles : str or sequence of str
-            The parameters whose profile likelihoods are computed, or `"all"`.
+            The unknowns whose profile likelihoods are computed, or `"all"`.
         at : Best, optional
-            The maximum at which the sensitivities are evaluated; by default the start values or, if
-            the rig stands still there, a draw from the priors.
+            The maximum at which the sensitivities are evaluated.  By default, this is at the start
+            values or, if the rig does not move with them, at a draw from the priors.
         report : Reporter, optional
             Receives the progress, see `sample`.
 
         Returns
         -------
         Findings
-            The expected posterior standard deviations, correlations and warnings; `print` shows them.
+            The predicted standard deviations, correlations and warnings; `print` shows them.
 
         Raises
         ------
@@ -262,7 +262,7 @@ class Case(arguments.ExperimentPlanner, Value):
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` if `folder` cannot take findings; check it before slow profiles."""
+        """Raise `InputError` if `folder` cannot take findings; call it before slow profiles."""
         refuse_other_text(Path(folder).expanduser(), IDENTIFY, force=force)
 
     def find_map(
@@ -270,20 +270,20 @@ class Case(arguments.ExperimentPlanner, Value):
     ) -> Best:
         """Find the maximum of the posterior (MAP).
 
-        Searches by a simplex (Nelder and Mead 1965) start at several points, and Gauss-Newton steps
-        finish them.
+        Simplex searches (Nelder and Mead 1965) start at several points, and Gauss-Newton steps
+        refine their results.
 
         Parameters
         ----------
         quick : bool
-            Whether to stop after one search, which may miss the highest of several maxima.
+            Whether to search only from the start values, which may miss the highest maximum.
         processes, report
             See `sample`.
 
         Returns
         -------
         Best
-            The maximum; its `reasons` tell why it must not be believed.
+            The maximum; its `reasons` say why not to believe it, and are empty for a good fit.
 
         Raises
         ------
@@ -303,7 +303,7 @@ class Case(arguments.ExperimentPlanner, Value):
         return Best(self.job, mode, self.columns)
 
     def check_new_config(self, path: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` if `Candidates.apply` could not write `path`, before slow searches."""
+        """Raise `InputError` if `Candidates.apply` cannot write `path`; call it before searches."""
         from bayesdrill.tasks import find_map
 
         find_map.check_new_config(self.job, Path(path).expanduser(), force=force)
@@ -311,7 +311,7 @@ class Case(arguments.ExperimentPlanner, Value):
     def candidates(
         self, *, processes: int | None = 1, report: Reporter | None = None
     ) -> Candidates:
-        """Find the maximum, and rank models that would explain its residuals.
+        """Find the maximum of the posterior, and rank models that would explain its residuals.
 
         Parameters
         ----------
@@ -321,7 +321,7 @@ class Case(arguments.ExperimentPlanner, Value):
         Returns
         -------
         Candidates
-            The models, see `Best.candidates`.
+            The ranked models, see `Best.candidates`.
         """
         best = self.find_map(processes=processes, report=report)
         return best.candidates(processes=processes, report=report)
@@ -338,36 +338,36 @@ class Case(arguments.ExperimentPlanner, Value):
     ) -> Outcome:
         """Identify, fit, sample and judge a case that was loaded from a config, and save the results.
 
-        The command `bayesdrill posterior` does the same.  The chain is saved as it grows, so that an
+        The command `bayesdrill posterior` does the same.  The chain is saved while it grows, so an
         interrupted run can be resumed.
 
         Parameters
         ----------
         folder : str or path, optional
-            The folder of the results, by default `results/<name>`.
+            The folder for the results, by default `results/<name>`.
         resume, force : bool
-            Whether to continue the run in `folder`, or to replace it.
+            `resume` continues the run in `folder`; `force` replaces it.
         processes, report
             See `sample`.
         verbose : bool
-            Whether `report` also gets the details.
+            Whether `report` also receives the details of each stage.
 
         Returns
         -------
         Outcome
-            The folder, whether the run can be believed, and which results are missing.
+            The folder, the reasons not to believe the run, and the results that could not be made.
 
         Raises
         ------
         InputError
             If the folder cannot be used, or the case was made from arrays.
         Interrupted
-            When asked to stop.
+            If a signal, such as Ctrl-C, stops the run.
         """
         from bayesdrill.tasks import pipeline
 
         if self.columns is not None:
-            way_out = "give `sample().save(folder)`, then `load` its config"
+            way_out = "call `sample().save(folder)`, then `load` its config"
             raise InputError.at("run", f"no file contains these arrays yet; {way_out}")
         how = arguments.mode(resume=resume, force=force)
         path, workers = self.place(folder), arguments.workers(processes)
@@ -376,7 +376,7 @@ class Case(arguments.ExperimentPlanner, Value):
         return pipeline.run_posterior(self.job, path, how, workers, progress, details)
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Return the folder of the results of `run`, by default `results/<name>`.
+        """Return the folder for the results of `run`, by default `results/<name>`.
 
         Examples
         --------
@@ -396,30 +396,30 @@ class Case(arguments.ExperimentPlanner, Value):
         """Sample the posterior by ensembles of walkers until they converge.
 
         Affine invariant ensembles (Goodman and Weare 2010; emcee) also use an independence proposal,
-        which is learnt before the first step.  They stop once R-hat, effective sample size and length
-        in autocorrelation times meet their targets, or at `sampler.max_steps` of the config.
+        which is fitted before the first step.  They stop once R-hat, effective sample size and the
+        number of autocorrelation times meet their targets, or after `sampler.max_steps`.
 
         Parameters
         ----------
         best : Best, optional
-            The maximum of this case at which the ensembles start; by default it is searched for.
+            The maximum of this case, where the ensembles start; by default `find_map` is called.
         seed : int, optional
-            The seed in place of the config's.  The draws do not depend on the number of processes.
+            A seed to replace the config's.  The draws do not depend on the number of processes.
         processes : int or None
-            The number of processes; None means one for each processor.  With more than one, a script
-            needs `if __name__ == "__main__":`.
+            The number of processes; None means one for each processor.  With several
+            processes, a script needs `if __name__ == "__main__":`.
         report : Reporter, optional
             An object with `say(text)` and `update(fraction, text)`, which receive the progress.
 
         Returns
         -------
         Run
-            The draws; its `converged` tells whether the targets were met.
+            The draws; `converged` of the run tells whether the targets were met.
 
         Raises
         ------
         InputError
-            If `best` is of another case, or an argument is wrong.
+            If `best` is the maximum of another case, or an argument is wrong.
 
         Examples
         --------
@@ -462,12 +462,12 @@ def load(path: str | Path) -> Case:
     Returns
     -------
     Case
-        The case; `print` shows its unknowns and their priors.
+        The case; `print` shows its model and unknowns.
 
     Raises
     ------
     InputError
-        With all mistakes of the config and its record.
+        With all mistakes in the config and its record.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Compare several runs: overlays, models of one record, and ladders of models."""
+"""Compare runs: overlays of any runs, evidences of models of one record, and ladders of models."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ MOST = 9  # largest number of models that a ladder may sample
 class Ladder(ManyFits["LadderOutcome"], Value):
     """A ladder compares the model of a config with candidates that have more physics.
 
-    Make it with `bd.ladder`.  Candidates are ranked by their maxima, and the best ones are sampled and
-    compared.  The result of `run` has the `decision` in its `report`, and its `config` is that of the
-    recommended model.
+    `bd.ladder` makes one.  Candidates are ranked by the maxima of their posteriors, and the best
+    candidates are sampled and compared.  The result of `run` has the `config` of the recommended
+    model; its `report` has the `decision`.
 
     Parameters
     ----------
     job : Job
         The config with its record.
     sample : int
-        The number of models that are sampled.
+        The number of models to sample.
     """
 
     job: Job
@@ -64,24 +64,24 @@ class Ladder(ManyFits["LadderOutcome"], Value):
 
 @arguments.check_arguments
 def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
-    """Prepare a ladder of models of a config; its `run` does the work.
+    """Prepare a ladder of models that begins with a config; `Ladder.run` does the work.
 
     Parameters
     ----------
     config : str or path
         The config.
     sample : int
-        The number of models that are sampled, from 2 to 9.
+        The number of models to sample, from 2 to 9.
 
     Returns
     -------
     Ladder
-        The job.
+        The ladder, before any fit.
 
     Raises
     ------
     InputError
-        With all mistakes of the config and its record.
+        With all mistakes in the config and its record.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Value):
-    """A comparison shows several runs side by side; `bd.overlay` or `bd.compare` makes it.
+    """A comparison shows several runs side by side; `bd.overlay` and `bd.compare` return one.
 
     `print` shows its tables and, for models of one record, its decision.
 
@@ -105,7 +105,7 @@ class Comparison(Value):
     report : ComparisonReport
         The compared numbers, tables and figures.
     runs : tuple of path or None
-        The folder of each run; None for one in memory.
+        The folder of each run; None for a run in memory.
 
     Examples
     --------
@@ -119,32 +119,32 @@ class Comparison(Value):
 
     @property
     def rows(self) -> tuple[OverlayRow, ...]:
-        """Return a row for each unknown: its posteriors in SI, and the largest distance of two runs."""
+        """Return a row per unknown: its estimates, and the largest difference of two estimates."""
         return self.report.rows
 
     @property
     def models(self) -> tuple[RunSummary, ...]:
-        """Return `evidence`, `residuals`, `held_out` and `loo` of each compared model."""
+        """Return each model with its `evidence`, `residuals`, `held_out` and `loo` scores."""
         return self.report.models
 
     @property
     def decision(self) -> ModelDecision | None:
-        """Return the decision: `word` is its kind, and `best` is the better model."""
+        """Return the decision: `word` is its kind, and `best` the index of the best model."""
         return self.report.decision
 
     @property
     def best(self) -> str | None:
-        """Return the name of the most probable model, or None."""
+        """Return the name of the most probable model, or None for an overlay."""
         return None if self.report.best is None else self.report.best.name
 
     @property
     def log_evidence(self) -> dict[str, float]:
-        """Return the natural logarithm of the evidence of each model, by its name."""
+        """Return the natural logarithm of the evidence of each model, by the name of the model."""
         return {model.name: model.log_z for model in self.models}
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return the reasons not to believe a run of an overlay, or the best model."""
+        """Return the reasons not to believe the runs of an overlay, or the best model."""
         return self.report.reasons
 
     @property
@@ -153,41 +153,41 @@ class Comparison(Value):
         return self.report.text
 
     def plot(self, name: str | None = None) -> Figure:
-        """Draw a figure of these runs.
+        """Draw a figure that compares the runs.
 
         Parameters
         ----------
         name : str, optional
-            `corner` or `intervals` of an overlay, `comparison` of models: log odds, residuals of each
-            channel, and posteriors of each unknown.
+            For an overlay, `corner` or `intervals`.  For models, `comparison`, with log odds,
+            residuals of each channel, and posteriors of each unknown.
 
         Returns
         -------
         Figure
-            A Matplotlib figure, in no window: save it, or make it the last line of a cell.
+            A Matplotlib figure without a window: save it, or make it the last line of a cell.
 
         Raises
         ------
         InputError
-            If there is no such figure.
+            If the comparison has no figure with this name.
         """
         wanted = self.report.form.figure if name is None else name
         figure = arguments.known(self.report.figures, wanted, "plot", "figure of these runs")
         return for_notebooks(figure.drawn())
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Return the folder of `save`, by default one in `results/` with all names."""
+        """Return the folder for `save`; by default, one in `results/`, named after all runs."""
         names = [layer.name for layer in self.report.layers]
         default = comparison.default_folder(self.report.form, names)
         return arguments.results_folder(folder, default)
 
     def save(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
-        """Save table, page and figures.
+        """Save the table, the page and the figures.
 
         Parameters
         ----------
         folder : str or path, optional
-            The folder, see `place`.
+            The folder; by default see `place`.
         force : bool
             Whether to replace an earlier comparison.
 
@@ -199,7 +199,7 @@ class Comparison(Value):
         Raises
         ------
         InputError
-            If the folder has other contents, or has a comparison and `force` is false.
+            If the folder has other contents, or an earlier comparison and `force` is false.
         """
         path = self.place(folder)
         comparison.publish(self.report, self.runs, path, force=force)
@@ -220,24 +220,24 @@ Overlay = Comparison
 def overlay(
     runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
 ) -> Comparison:
-    """Show two or more runs side by side, with any records, priors and rigs.
+    """Show two or more runs side by side; their records, priors and rigs may differ.
 
     Parameters
     ----------
     runs : sequence of Run, str or path
         The runs, or their folders.
     names : sequence of str, optional
-        Their names; by default those of the folders and cases.
+        The names of the runs; by default the names of their folders or cases.
 
     Returns
     -------
     Comparison
-        The rows of all unknowns, and figures.
+        A row for each unknown, and figures.
 
     Raises
     ------
     InputError
-        If there are fewer than two runs, or one cannot be opened.
+        If there are fewer than two runs, or a run cannot be opened.
 
     Examples
     --------
@@ -253,15 +253,15 @@ def compare(
 ) -> Comparison:
     """Compare models of one record by their evidence (bridge sampling, Meng and Wong 1996).
 
-    The evidence is the probability of the record under a model, averaged over its priors.  So wider
-    priors lower the evidence; see `docs/compare.md`.
+    The evidence of a model is the likelihood of the record, averaged over the model's priors.
+    Wider priors therefore lower the evidence; see `docs/compare.md`.
 
     Parameters
     ----------
     runs : sequence of Run, str or path
-        The runs, or their folders; the first is the reference for the others.
+        The runs, or their folders; the first run is the reference model.
     names : sequence of str, optional
-        Their names; by default those of the folders and cases.
+        The names of the runs; by default the names of their folders or cases.
 
     Returns
     -------
@@ -271,7 +271,7 @@ def compare(
     Raises
     ------
     InputError
-        If there are fewer than two runs, one cannot be opened, or their records differ.
+        If there are fewer than two runs, a run cannot be opened, or the records differ.
     """
     return _compared("comparison", runs, names)
 
@@ -283,7 +283,7 @@ def _compared(
     given = [run if place is None else place for run, place in zip(runs, places, strict=True)]
     comparison.check_runs(comparison.FORMS[form], given)
     if names is not None and len(names) != len(runs):
-        counts = f"{count_noun(len(names), 'name')} of {count_noun(len(runs), 'run')}"
+        counts = f"{count_noun(len(names), 'name')} for {count_noun(len(runs), 'run')}"
         raise InputError.at("names", counts)
     opened = [run if isinstance(run, single.Run) else single.open(run) for run in runs]
     defaults = [
@@ -303,9 +303,9 @@ def check_folder(
     *,
     force: bool = False,
 ) -> Path:
-    """Return the folder in which the `overlay` or `comparison` of `folders` would be saved.
+    """Return the folder in which a comparison of the runs in `folders` would be saved.
 
-    Raises `InputError` if the folder cannot be used.
+    `form` is "overlay" or "comparison".  Raises `InputError` if the folder cannot be used.
     """
     places = [Path(folder).expanduser() for folder in folders]
     comparison.check_runs(comparison.FORMS[form], places)

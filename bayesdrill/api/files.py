@@ -1,4 +1,4 @@
-"""Work on files and folders: examples, drafts, simulation, calibration, reports."""
+"""Work on files and folders: examples, draft configs, reports, exports, calibration, schemas."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ FILES = (
 
 
 def _bundled() -> Path:
-    """Return the folder of the examples: `examples` of a wheel, or `configs` of a checkout."""
+    """Return the folder of the examples: `examples` in a wheel, or `configs` in a checkout."""
     for path in (PACKAGE / "examples", PACKAGE.parent / "configs"):
         if (path / FILES[0]).is_file():
             return path
@@ -47,7 +47,7 @@ def _bundled() -> Path:
 
 
 def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
-    """Return an issue for each file where a folder is needed, and for each existing example."""
+    """Return an issue for a file where a folder is needed, and for each example that exists."""
     records = folder / "records"
     wrong = [] if output_files.path_kind(records) in ("", "a folder") else [records]
     if folder.exists() and not folder.is_dir():
@@ -60,7 +60,7 @@ def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """An example is the result of `bd.example`; `print` shows a command to try."""
+    """An example has the files that `bd.example` wrote; `print` shows a command to try."""
 
     folder: Path
     files: tuple[Path, ...]
@@ -76,7 +76,7 @@ class Example:
 
 @arguments.check_arguments
 def example(folder: str | Path = "configs") -> Example:
-    """Write the bundled configs and records into a folder; nothing is overwritten.
+    """Write the configs and records of the examples into a folder; nothing is overwritten.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def example(folder: str | Path = "configs") -> Example:
     Raises
     ------
     InputError
-        With each file that exists already.
+        With all files that exist already; nothing is written in this case.
 
     Examples
     --------
@@ -109,12 +109,12 @@ def example(folder: str | Path = "configs") -> Example:
 
 
 def citation() -> str:
-    """Return BibTeX entries of bayesdrill and of the works on which its results are based.
+    """Return BibTeX entries for bayesdrill and for the publications of its methods.
 
     Returns
     -------
     str
-        The entries, for a .bib file.
+        The text of a .bib file.
 
     Examples
     --------
@@ -138,43 +138,43 @@ def init(
     split: bool = False,
     force: bool = False,
 ) -> Guess:
-    """Draft a config for a record, with every guess marked REVIEW and its reason.
+    """Draft a config for a record; a comment with REVIEW gives the reason of each guess.
 
-    Several files of one kind become experiments of one config; files that complete each other become
-    one record.
+    Files with the same columns become experiments of one config.  Files with different columns are
+    joined to one record by their times.
 
     Parameters
     ----------
-    record : str, path or sequence of them
+    record : str, path or sequence of str or path
         The files of the record.
     output : str or path, optional
-        The config, by default next to the first file.
+        The config to write, by default next to the first file.
     voltage : float, optional
-        A constant voltage in V, if no column has it.
+        The constant voltage of the motor in V, if no column has the voltage.
     gear : float, optional
-        The turns of the motor for each turn of the shaft.
+        The gear ratio: turns of the motor / turns of the shaft.
     rig : str
         The name of the rig.
     columns : sequence of str
-        Columns with their quantities, such as `data:3=theta_2 [deg]`.
+        Quantities of columns: `data:3=theta_2 [deg]` is column 3 of the array `data`.
     rate : float, optional
-        The sampling rate in Hz, if no column is a time.
+        The sampling rate in Hz, if no column has the time.
     sheet : str or path, optional
-        A YAML file of nominal values.
+        A YAML file with nominal values.
     split : bool
-        Whether a new record begins where the time decreases.
+        Whether a new experiment begins wherever the time decreases.
     force : bool
         Whether to replace an existing config.
 
     Returns
     -------
     Guess
-        The draft, its questions and its text.
+        The text of the config, and the issues that only the user can correct.
 
     Raises
     ------
     InputError
-        If a file cannot be read, or the files do not belong together.
+        If a file cannot be read, or the files cannot be combined.
 
     Examples
     --------
@@ -213,7 +213,7 @@ def init(
     if values is not None and values.repeated:
         raise InputError(values.repeated)
     drafted = draft.guess(records, target, known, values, finding_sentences)
-    draft.check_draft_path(target, read, force=force)  # again, as the guess took a while
+    draft.check_draft_path(target, read, force=force)  # again, since drafting took some time
     output_files.write_text(target, drafted.text)
     return drafted
 
@@ -228,30 +228,30 @@ def publish(
     pdf: bool = False,
     report: Reporter | None = None,
 ) -> Outcome:
-    """Remake the tables and figures of a run from its chain, as `bayesdrill report` does.
+    """Make the tables and figures of a run anew from its chain, like `bayesdrill report`.
 
     Parameters
     ----------
     folder : str or path
         The folder of the run.
     output : str or path, optional
-        A folder for a copy of the run with its results, if `folder` must not change.
+        A folder for a copy of the run with the new results; by default `folder` is changed.
     force : bool
-        Whether to replace results in `output`.
+        Whether to replace earlier results in `output`.
     processes, report
         See `Case.sample`.
     pdf : bool
-        Whether figures are also written as PDF.
+        Whether to write figures as PDF, too.
 
     Returns
     -------
     Outcome
-        The folder, whether the run can be believed, and what could not be made.
+        The folder, the reasons not to believe the run, and the results that could not be made.
 
     Raises
     ------
     InputError
-        If there is no run.
+        If `folder` has no run.
 
     Examples
     --------
@@ -265,14 +265,14 @@ def publish(
     if output is not None:
         pipeline.copy_result(source, path, force=force)
     elif force:
-        message = "needs --output, or several folders; a single one is written again in place"
+        message = "needs --output or several folders; for a single folder, results are replaced"
         raise InputError.at("--force", message)
     return pipeline.republish(path, workers, report or SILENT, pdf=pdf)
 
 
 @arguments.check_arguments
 def verify(folder: str | Path) -> Verified:
-    """Check by digests whether config, record, tables and figures of a run are unchanged.
+    """Check by digests that the config, record, chain, tables and figures of a run are unchanged.
 
     Parameters
     ----------
@@ -282,12 +282,12 @@ def verify(folder: str | Path) -> Verified:
     Returns
     -------
     Verified
-        The files that differ; `print` shows them.
+        The files that changed, with reasons; `print` shows them.
 
     Raises
     ------
     InputError
-        If there is no finished run.
+        If `folder` has no finished run.
 
     Examples
     --------
@@ -309,33 +309,33 @@ def export(
     seed: int = 0,
     force: bool = False,
 ) -> str:
-    """Export the rig of a run for a simulator, at posterior means.
+    """Export the rig of a run for a simulator, with posterior means as its parameters.
 
-    The export has armature, damping and dry friction of each joint, springs and motors, each with
-    its standard deviation.  JSON also has correlations and draws for randomisation.
+    The export describes springs, motors, and the armature, damping and dry friction of each joint.
+    Each number has its standard deviation.  JSON also has correlations, and draws to vary the rig.
 
     Parameters
     ----------
     folder : str or path
         The folder of the run.
     to : {"json", "mjcf", "dcmotor"}
-        The format: `mjcf` is for MuJoCo, and `dcmotor` for MuJoCo's own motors (since 3.5).
+        The format: JSON, MJCF (MuJoCo), or MJCF with `dcmotor` actuators (MuJoCo 3.5 or later).
     output : str or path, optional
-        A file to which the text is also written.
+        A file to which the text is written, too.
     draws, seed : int
-        The number of draws in JSON, and the seed that selects them.
+        The number of draws in JSON, and the seed of their random selection.
     force : bool
         Whether to replace an existing file.
 
     Returns
     -------
     str
-        The text in that format.
+        The exported text.
 
     Raises
     ------
     InputError
-        If there is no finished run, or `output` cannot be written.
+        If `folder` has no finished run, or `output` cannot be written.
 
     Examples
     --------
@@ -369,10 +369,10 @@ def export(
 @arguments.check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration(ManyFits["Calibrated"], Value):
-    """A calibration tests the posterior by refits of records that are simulated from the prior.
+    """A calibration tests the posterior by fits to records that are simulated from the prior.
 
-    Make it with `bd.calibration`.  If the posterior is computed correctly, the ranks of the true values
-    among the draws are uniform (simulation-based calibration, Talts et al. 2018).
+    `bd.calibration` makes one.  If posteriors are computed correctly, the ranks of true values
+    among the draws are uniformly distributed (simulation-based calibration, Talts et al. 2018).
 
     Parameters
     ----------
@@ -392,22 +392,22 @@ class Calibration(ManyFits["Calibrated"], Value):
 
 @arguments.check_arguments
 def calibration(config: str | Path) -> Calibration:
-    """Prepare the calibration test of a config; its `run` does the work.
+    """Prepare the calibration test of a config; `Calibration.run` does the work.
 
     Parameters
     ----------
     config : str or path
-        The config.  Its record need not exist if `simulation:` gives the times.
+        The config.  It needs no record if its section `simulation:` gives the times.
 
     Returns
     -------
     Calibration
-        The job.
+        The test, before any fit.
 
     Raises
     ------
     InputError
-        With all mistakes of the config.
+        With all mistakes in the config.
 
     Examples
     --------
@@ -421,22 +421,22 @@ def calibration(config: str | Path) -> Calibration:
 
 @arguments.check_arguments
 def schema(of: str = "config") -> str:
-    """Return a JSON schema.
+    """Return the JSON schema of a kind of file.
 
     Parameters
     ----------
     of : {"config", "campaign", "run"}
-        Whether the schema is that of configs, of campaigns, or of the `run.json` of a run.
+        The kind of file: a config, a campaign, or the `run.json` of a run.
 
     Returns
     -------
     str
-        The schema as JSON.
+        The schema as a JSON text.
 
     Raises
     ------
     InputError
-        If `of` is none of these.
+        If `of` is not one of these kinds.
 
     Examples
     --------
@@ -452,7 +452,7 @@ def schema(of: str = "config") -> str:
 
 @arguments.check_arguments
 def cache(*, clear: bool = False) -> str:
-    """Describe the cache of compiled kernels: its folder and its size.
+    """Describe the cache of compiled kernels: its folder, the number of kernels, and its size.
 
     Parameters
     ----------
@@ -462,12 +462,12 @@ def cache(*, clear: bool = False) -> str:
     Returns
     -------
     str
-        A line that names the folder.
+        A line with the folder, or with the reason why kernels are not kept.
 
     Raises
     ------
     InputError
-        If the folder is refused or cannot be cleared.
+        If other users have access to the folder, or it cannot be read or cleared.
     """
     from bayesdrill.rig.kernels.cache import CACHE_OFF, CACHE_VARIABLE, user_cache
 

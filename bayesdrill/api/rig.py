@@ -1,4 +1,4 @@
-"""Use a rig without a record: return nominal parameters, and simulate the response."""
+"""Return nominal parameters of the paper's rig, and simulate any rig without a record."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
     Parameters
     ----------
     table : str
-        The table of the paper (Sandoval, Cunha Jr and Sampaio, ENIEF 2013).
+        `tables_2_3` or `table_1` of the paper (Sandoval, Cunha Jr and Sampaio, ENIEF 2013).
 
     Returns
     -------
     dict of str to float
-        The value of each parameter.
+        The value of each parameter, by name.
 
     Raises
     ------
@@ -74,35 +74,35 @@ def respond(
     initial: Annotated[Mapping[str, float] | None, "a number for each state"] = None,
     hold: str = "zero",
 ) -> dict[str, Array]:
-    """Simulate the response of a rig; for a linear rig it is exact (Van Loan 1978).
+    """Simulate the response of a rig; it is exact if the rig is linear (Van Loan 1978).
 
     Parameters
     ----------
     rig : str or Model
         The name of a rig, or a model such as `bd.MotorShaft(i_m=1 / 8)`.
     parameters : mapping of str to float
-        The value of each parameter in SI.  An optional one, such as `c_s`, is part of the model if it
-        is named.
+        The value of each parameter in SI.  The model has an optional parameter, such as `c_s`, only
+        if the mapping names it.
     t : array_like, shape (T,)
-        Increasing times in s, with any steps.
+        Increasing times in s; their spacing may vary.
     inputs : mapping of str to array_like, shape () or (T,)
-        Constants or samples of the inputs in SI; loads that are not named are zero.
+        A constant or T samples of each input, in SI; loads that are not named are zero.
     signals : str or sequence of str
-        States, or sums of them such as `"theta_1 - theta_2"`.
+        The signals to return: states, or sums of states such as `"theta_1 - theta_2"`.
     initial : mapping of str to float, optional
-        The state at 0 s, or at the first time if an input has samples; states not named are zero.
+        The states at 0 s or, if an input has samples, at `t[0]`; states not named are zero.
     hold : {"zero", "first"}
-        Whether inputs are constant between samples, or linear.
+        Whether inputs are constant (`zero`) or linear (`first`) between samples.
 
     Returns
     -------
     dict of str to array, shape (T,)
-        Each signal in SI.
+        Each signal in SI, by name.
 
     Raises
     ------
     InputError
-        With all mistakes of the arguments.
+        With all mistakes in the arguments.
 
     Examples
     --------
@@ -131,7 +131,7 @@ def respond(
     series = {name: signal for name, signal in given.items() if signal.ndim}
     for name, signal in series.items():
         if signal.shape != times.shape or not np.isfinite(signal).all():
-            issues.append(Issue(f"inputs.{name}", "give one number for each of the times"))
+            issues.append(Issue(f"inputs.{name}", "give one finite number for each time"))
     if not signals:
         issues.append(Issue("signals", "no signal is named; name a state, or a sum of states"))
     raise_if_any(issues)
@@ -154,7 +154,7 @@ def respond(
 
 
 def _parameters(rig: Model, values: Mapping[str, float], issues: list[Issue]) -> dict[str, float]:
-    """Check the value of each parameter of a rig; mistakes are added to `issues`."""
+    """Check and return the parameters of a rig; mistakes are added to `issues`."""
     arguments.check_names(rig.parameters, values, "parameters", "the rig", issues)
     read = {}
     for name in (name for name in rig.parameters if name in values):

@@ -1,4 +1,4 @@
-"""Define the results of a case: the maximum, the sampled posterior, reports and figures."""
+"""Define the results of a case: maximum, candidate models, sampled posterior, and its report."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ if TYPE_CHECKING:
     from xarray import DataTree
 
 
-DPI = 200  # resolution of figures in notebooks, which is sharp on most screens
+DPI = 200  # resolution of figures in notebooks, enough for most screens
 
 
 def for_notebooks(figure: Figure) -> Figure:
-    """Return the figure, able to show itself as the last line of a notebook's cell."""
-    # Notebooks show figures without this only if pyplot is loaded, which this package never does.
+    """Give a figure the method that shows it at the end of a notebook cell; return the figure."""
+    # Notebooks show figures by themselves only if pyplot is loaded; this package never loads it.
     figure._repr_png_ = partial(_as_png, figure)  # type: ignore[attr-defined]
     return figure
 
@@ -57,7 +57,7 @@ def _as_png(figure: Figure) -> bytes:
 
 
 def _drawn(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> Figure:
-    """Return the drawing with the number `part`, from 1; the `count` is for the message without it."""
+    """Return drawing number `part`, from 1; the message if it does not exist ends with `count`."""
     from bayesdrill.report.style import warned  # late: matplotlib takes a second
 
     if not 1 <= part <= len(drawings):
@@ -68,19 +68,19 @@ def _drawn(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> 
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Best(Value):
-    """A best fit is the maximum of the posterior (MAP) that `case.find_map()` returns.
+    """A best fit is the maximum of the posterior (MAP); `case.find_map()` returns one.
 
-    `print` shows its values and residuals.  Look at `reasons` and `plot()` before sampling: a model that
-    does not fit has no useful posterior.
+    `print` shows its values and residuals.  Look at `reasons` and `plot()` before sampling: if
+    the model does not fit, its posterior means nothing.
 
     Parameters
     ----------
     job : Job
         The config with its record.
     mode : Mode
-        The highest maximum, the other maxima, and the searches that led there.
+        The highest maximum, lower maxima, and the searches that found them.
     columns : mapping of str to array, shape (T,), optional
-        The record, if it is in no file.
+        The record as arrays, if it is not in a file.
 
     Examples
     --------
@@ -102,12 +102,12 @@ class Best(Value):
 
     @property
     def table(self) -> str:
-        """Return a table as text: values, nominal values, and the residuals of each channel."""
+        """Return a text table of the values, the nominal values, and each channel's residuals."""
         return self._report.text
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return reasons not to believe the maximum, such as a bad fit; empty if there are none."""
+        """Return the reasons not to believe the maximum, such as a bad fit; empty if none."""
         return self._report.reasons
 
     @cached_property
@@ -117,7 +117,7 @@ class Best(Value):
     def candidates(
         self, *, processes: int | None = 1, report: Reporter | None = None
     ) -> Candidates:
-        """Rank models that would explain the residuals, each refitted from this maximum.
+        """Rank models that would explain the residuals; each model is fitted from this maximum.
 
         Parameters
         ----------
@@ -127,13 +127,13 @@ class Best(Value):
         Returns
         -------
         Candidates
-            The models, the recommended one first; empty if the residuals look like the noise.
+            The models, the recommended model first; empty if the residuals look like the noise.
         """
         workers, job = arguments.workers(processes), self.job.with_steps_at(self.mode)
         with ONE_THREAD:
             residuals = conclusions.residuals(job, self.mode)
         if all(channel.like_noise for channel in residuals):
-            workers = 1  # a good fit has few refits, which end before workers could help
+            workers = 1  # after a good fit few models are tried, faster than workers start
         with WorkerPool(self.job.problem.posterior, workers) as pool:
             how = job, self.mode, residuals, pool.submit_function, report or SILENT
             causes = conclusions.causes(*how)
@@ -146,17 +146,17 @@ class Best(Value):
         Parameters
         ----------
         part : int
-            The number of the experiment, from 1.
+            The number of the experiment, counted from 1.
 
         Returns
         -------
         Figure
-            A Matplotlib figure, in no window: save it, or make it the last line of a cell.
+            A Matplotlib figure without a window: save it, or make it the last line of a cell.
 
         Raises
         ------
         InputError
-            If there is no such experiment.
+            If the case has no experiment with this number.
 
         Examples
         --------
@@ -169,16 +169,16 @@ class Best(Value):
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` if `folder` cannot take a maximum; check it before slow searches."""
+        """Raise `InputError` if `folder` cannot take a maximum; call it before slow searches."""
         find_map.check_place(Path(folder).expanduser(), force=force)
 
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
-        """Save values, prediction, fit and config, as `bayesdrill map --output` does.
+        """Save the values, predictions, fit and config, like the command `bayesdrill map --output`.
 
         Parameters
         ----------
         folder : str or path
-            The folder, which is made if needed.
+            The folder, which is created if it does not exist.
         force : bool
             Whether to replace an earlier maximum.
 
@@ -190,7 +190,7 @@ class Best(Value):
         Raises
         ------
         InputError
-            If the folder has other contents, or a maximum without `force`.
+            If the folder has other contents, or an earlier maximum and `force` is false.
         """
         path = Path(folder).expanduser()
         find_map.save(self.job, self.mode, path, _as_record(self.columns), force=force)
@@ -208,13 +208,13 @@ class Candidates(Value):
     Parameters
     ----------
     ranked : tuple of Cause
-        The models, the recommended one first; empty if the config fits.  Each has its `parts`, a
-        sentence `about` it, and the `lines` that a config needs.  Its numbers are the `gain` of the log
-        posterior, the log Bayes factor `bayes` by Laplace's method, and the `fit` of each channel.
+        The models, the recommended model first; empty if the config fits.  Each has `parts`, a
+        sentence `about` it, the `lines` to add to a config, and the `fit` of each channel.  Its
+        `gain` is that of the log posterior; `bayes` is the log Bayes factor (Laplace's method).
     table : str
-        The text of a table of the models.
+        A text table of the models.
     recommended : Cause or None
-        The simplest model that can be trusted.
+        The simplest of the most probable models; None if no model can be trusted.
     job : Job
         The config with its record.
     """
@@ -225,24 +225,24 @@ class Candidates(Value):
     job: Job
 
     def apply(self, path: str | Path, *, force: bool = False) -> Path | None:
-        """Write the config with the lines of the recommended model.
+        """Write a copy of the config with the lines of the recommended model.
 
         Parameters
         ----------
         path : str or path
-            The file of the new config.
+            The new config.
         force : bool
             Whether to replace an existing file.
 
         Returns
         -------
         path or None
-            The file; None without a recommended model.
+            The new config; None if no model is recommended.
 
         Raises
         ------
         InputError
-            If the file exists and `force` is not given, or if no file contains the record.
+            If the file exists and `force` is false, or if no file contains the record.
         """
         target = Path(path).expanduser()
         if self.recommended is None:
@@ -257,7 +257,7 @@ class Candidates(Value):
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(arguments.ExperimentPlanner, SampledRun):
-    """A run is a sampled posterior, which `case.sample` and `bd.open` return.
+    """A run is a sampled posterior; `case.sample` and `bd.open` return one.
 
     `print` shows its report.  Look at `converged` and `judge()` before using `draws`.
 
@@ -270,9 +270,9 @@ class Run(arguments.ExperimentPlanner, SampledRun):
     sampled : SamplingResult
         The chains and their convergence.
     columns : mapping of str to array, shape (T,), optional
-        The record, if it is in no file.
+        The record as arrays, if it is not in a file.
     kept : RunAnalysis, optional
-        The analysis, if the folder of the run has it.
+        The analysis, if it was read from the folder of the run.
 
     Examples
     --------
@@ -289,26 +289,26 @@ class Run(arguments.ExperimentPlanner, SampledRun):
 
     @property
     def converged(self) -> bool:
-        """Return whether R-hat, effective sample size and length of the chain met their targets."""
+        """Return whether R-hat, effective sample size and chain length met their targets."""
         return self.sampled.convergence.converged
 
     @property
     def draws(self) -> dict[str, Array]:
-        """Return the nearly independent draws of each unknown in SI, as `(ensembles, draws)`."""
+        """Return the nearly independent draws of each unknown in SI, `(ensembles, draws)`."""
         return {name: self.sampled.draws[..., d] for d, name in enumerate(self.job.problem.names)}
 
     def _known_draws(self) -> Array:
-        """Return all draws of the posterior, `(N, D)`."""
+        """Return all posterior draws of the D unknowns, `(N, D)`."""
         return self.sampled.draws.reshape(-1, self.sampled.draws.shape[-1])
 
     @property
     def evidence(self) -> Evidence | None:
-        """Return the evidence (natural logarithm `log_z`, standard `error`), or None."""
+        """Return the evidence: `log_z` (natural logarithm) with its standard `error`; or None."""
         return self.sampled.evidence
 
     @property
     def analysis(self) -> RunAnalysis:
-        """Return all numbers of the report; `RunAnalysis.describe` gives the unit of each."""
+        """Return all numbers of the report; `RunAnalysis.describe` gives their units."""
         return self._view.analysis
 
     def judge(self) -> RunReport:
@@ -317,7 +317,7 @@ class Run(arguments.ExperimentPlanner, SampledRun):
         Returns
         -------
         RunReport
-            The verdict, its reasons and the whole report, which `print` shows.
+            The verdict, the reasons not to believe the run, and the report, which `print` shows.
 
         Examples
         --------
@@ -331,12 +331,12 @@ class Run(arguments.ExperimentPlanner, SampledRun):
         return conclusions.concluded(self)
 
     def to_arviz(self) -> DataTree:
-        """Return the draws for ArviZ.
+        """Return the draws as an ArviZ data tree.
 
         Returns
         -------
         DataTree
-            The groups of the ArviZ schema, with an ensemble as a chain.
+            The groups of the ArviZ schema; each ensemble is a chain.
 
         Examples
         --------
@@ -346,19 +346,19 @@ class Run(arguments.ExperimentPlanner, SampledRun):
         return self._view.tree
 
     def plot(self, name: str, part: int = 1) -> Figure:
-        """Draw a figure of this run.
+        """Draw a figure of this run by its name.
 
         Parameters
         ----------
         name : str
-            `corner`, `trace`, `prior_posterior` or `fit`; with a verdict also `invariants` or `ridge`.
+            `corner`, `trace`, `prior_posterior`, `fit`; with a verdict also `invariants`, `ridge`.
         part : int
-            The number of the experiment, from 1.
+            The number of the experiment, counted from 1.
 
         Returns
         -------
         Figure
-            A Matplotlib figure, in no window: save it, or make it the last line of a cell.
+            A Matplotlib figure without a window: save it, or make it the last line of a cell.
 
         Raises
         ------
@@ -376,7 +376,7 @@ class Run(arguments.ExperimentPlanner, SampledRun):
         return _drawn(drawn, part, f"the figure {name} has {len(drawn)}", self._view.warning)
 
     def plot_corner(self) -> Figure:
-        """Draw the corner plot: histograms of each unknown, and contours of each pair.
+        """Draw the corner plot: a histogram of each unknown, and contours of each pair of unknowns.
 
         Returns
         -------
@@ -386,14 +386,14 @@ class Run(arguments.ExperimentPlanner, SampledRun):
         return self.plot("corner")
 
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
-        """Save tables, figures, chain and config, as `bayesdrill posterior` does.
+        """Save the tables, figures, chain and config, like the command `bayesdrill posterior`.
 
-        A warning names the results that could not be made.
+        If results could not be made, a Python warning names them.
 
         Parameters
         ----------
         folder : str or path
-            The folder, which is made if needed.
+            The folder, which is created if it does not exist.
         force : bool
             Whether to replace earlier results.
 
@@ -405,13 +405,13 @@ class Run(arguments.ExperimentPlanner, SampledRun):
         Raises
         ------
         InputError
-            If the folder has other contents, or results without `force`.
+            If the folder has other contents, or earlier results and `force` is false.
         """
         path = Path(folder).expanduser()
         record = _as_record(self.columns)
         done = pipeline.write_result(self.job, self._view, path, record, force=force)
         if done.missing:
-            message = f"could not be made: {'; '.join(done.missing)}; all else is in {path}"
+            message = f"could not be made: {'; '.join(done.missing)}; other results are in {path}"
             warnings.warn(message, stacklevel=3)
         return path
 
@@ -427,7 +427,7 @@ class Run(arguments.ExperimentPlanner, SampledRun):
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class RunReport(Value):
-    """A run's report has its tables and its verdict; `run.judge()` returns it, and `print` shows it.
+    """A report has the tables and the verdict of a run; `run.judge()` returns one.
 
     Parameters
     ----------
@@ -452,12 +452,12 @@ class RunReport(Value):
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """Return the summary of each unknown as a mapping, such as for a data frame."""
+        """Return a mapping per unknown that summarises it, for example for a data frame."""
         return [as_record(row) for row in self.view.analysis.unknowns]
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return the reasons not to believe the run: no convergence, or a bad fit."""
+        """Return the reasons not to believe the run, such as no convergence or a bad fit."""
         return self.view.reasons
 
     @property
@@ -479,7 +479,7 @@ def _as_record(columns: Mapping[str, Array] | None) -> str | None:
 
 @arguments.check_arguments
 def open(folder: str | Path) -> Run:
-    """Open a run that `Run.save` or `bayesdrill posterior` has saved; nothing is sampled again.
+    """Open a run that `Run.save` or `bayesdrill posterior` saved; nothing is sampled again.
 
     Parameters
     ----------
@@ -494,7 +494,7 @@ def open(folder: str | Path) -> Run:
     Raises
     ------
     InputError
-        If there is no finished run.
+        If `folder` has no finished run.
 
     Examples
     --------

@@ -11,12 +11,12 @@ from bayesdrill.api import arguments
 from bayesdrill.api.campaign import is_campaign
 from bayesdrill.basics.errors import InputError
 
-MOST_SAID = 20  # largest number of listed files
+MOST_SAID = 20  # largest number of files that the text lists
 
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """A simulated record consists of files, each with a number of samples."""
+    """A simulated record consists of `files`, each with its number of samples."""
 
     files: Mapping[Path, int]
 
@@ -27,12 +27,12 @@ class Simulated:
 
     @property
     def samples(self) -> int:
-        """Return the number of samples of all files."""
+        """Return the total number of samples."""
         return sum(self.files.values())
 
     @property
     def said(self) -> str:
-        """Return a line for each of the first files, and the number of the others."""
+        """Return a line for each of the first `MOST_SAID` files, and the number of other files."""
         lines = [f"{path}: {samples} samples" for path, samples in self.files.items()]
         more = [f"... and {len(lines) - MOST_SAID} more"] if len(lines) > MOST_SAID else []
         return "\n".join([*lines[:MOST_SAID], *more])
@@ -46,26 +46,26 @@ def simulate(
     seed: int | None = None,
     force: bool = False,
 ) -> Simulated:
-    """Simulate the record of a config and write it as CSV: the response with noise.
+    """Simulate the record of a config, the response with noise, and write it as CSV.
 
-    For a campaign, this writes all records, their table and the true parameters (`truth.csv`).
+    A campaign is written with all records, their table and the true parameters (`truth.csv`).
 
     Parameters
     ----------
     config : str or path
-        The config or the campaign's file; its section `simulation:` has the true values.
+        The config or campaign file, whose section `simulation:` has the true values.
     output : str or path, optional
-        The file, or the folder for several experiments; by default the record that the config names.
-        A campaign names its files.
+        The CSV file, or a folder for several experiments; by default the record that the config
+        names.  A campaign names its files itself.
     seed : int, optional
-        The seed of the noise, by default the config's.
+        The seed of the noise; by default that of the config.
     force : bool
         Whether to replace existing files.
 
     Returns
     -------
     Simulated
-        The files with their numbers of samples.
+        The files, each with its number of samples.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def simulate(
     used_seed = case.config.seed if seed is None else arguments.whole("seed", seed, 0)
     given, several = None if output is None else Path(output).expanduser(), case.config.experiments
     if several and given is not None and given.exists() and not given.is_dir():
-        message = "is no folder; name one for the records of several experiments"
+        message = "is not a folder; name a folder for the records of several experiments"
         raise InputError.at(str(given), message)
     texts = simulation.simulate_all(case, used_seed, given)
     for target, text in texts.items():

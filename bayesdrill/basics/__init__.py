@@ -1,7 +1,7 @@
-"""Provide the tools of all subpackages: errors, registries, symbols, units, formulas, dual numbers.
+"""Provide tools for all subpackages: errors, registries, symbols, units, formulas, dual numbers.
 
-Nothing here reads or writes a file, draws a figure, or depends on a command. The rest of the
-package writes files through `bayesdrill.output_files`.
+No module here writes a file, draws a figure, or depends on a command of the command line. Other
+subpackages write files through `bayesdrill.output_files`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Check types of arguments against annotations, and whether a text can be a path.
+"""Check types of arguments against annotations, and whether a string can be a path.
 
-Each function checks ranges and names itself.  `pydantic.validate_call` would need types that
-modules import only for type checkers, and a schema of each record that is an argument.
+Each decorated function checks ranges and names itself.  `pydantic.validate_call` is not used: it
+needs types that are imported only for type checkers, and a schema for each class of arguments.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Annotated, Any, Union, cast
 
 from bayesdrill.basics.errors import InputError, Issue
 
-# For each annotation the types that are accepted, and its name in a message.
+# Accepted types for each annotation, and the words for the annotation in messages.
 KINDS: Mapping[Any, tuple[tuple[type, ...], str]] = {
     bool: ((bool,), "True or False"),
     int: ((Integral,), "a whole number"),
@@ -35,11 +35,11 @@ KINDS: Mapping[Any, tuple[tuple[type, ...], str]] = {
 
 
 def check_arguments[T](target: T) -> T:
-    """Decorate a function, or all public methods of a class, to check arguments against annotations.
+    """Decorate a function, or all public methods of a class, so that calls check their arguments.
 
-    The call raises `InputError` with every argument of a wrong type at once.  A message for one type
-    is given by `Annotated[type, "what to give"]`.  If a module imports a type only for type
-    checkers, any argument is accepted.
+    A call raises `InputError` with all arguments whose types do not match their annotations.  An
+    annotation `Annotated[type, "what to give"]` sets the message.  Types that a module imports only
+    for type checkers accept any argument.
     """
     if not isinstance(target, type):
         return cast("T", _guarded(cast("Callable[..., Any]", target)))
@@ -57,7 +57,7 @@ def _guarded(call: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.cache
     def hints() -> Mapping[str, Any]:
-        # A name that is imported only for type checkers accepts any argument.
+        # Types that are imported only for type checkers are unknown here: accept any argument.
         names = defaultdict[str, Any](lambda: Any, vars(builtins) | call.__globals__)
         return typing.get_type_hints(call, {}, names, include_extras=True)
 
@@ -95,14 +95,14 @@ def _choices(hint: Any) -> tuple[Any, ...]:
 
 
 def _fits(value: Any, hint: Any) -> bool:
-    """Return whether a value has the type of an annotation; its contents are not checked."""
+    """Return whether a value has the type of an annotation; items of the value are not checked."""
     kind = typing.get_origin(hint) or hint
     if kind is typing.Literal:
         return isinstance(value, str) and value in typing.get_args(hint)
     if kind is Any or not isinstance(kind, type):
         return True
     if getattr(kind, "_is_protocol", False) and not getattr(kind, "_is_runtime_protocol", False):
-        return True  # `isinstance` cannot check this protocol
+        return True  # `isinstance` needs `runtime_checkable`
     if getattr(value, "shape", None) == ():  # a NumPy scalar
         value = value.item()
     kinds = KINDS[kind][0] if kind in KINDS else kind
@@ -110,7 +110,7 @@ def _fits(value: Any, hint: Any) -> bool:
 
 
 def _in_words(choices: Sequence[Any]) -> str:
-    paths = Path in choices  # a text may be a path; messages do not mention this
+    paths = Path in choices  # messages do not mention that a string is also accepted
     return " or ".join(_word(choice) for choice in choices if choice is not str or not paths)
 
 

@@ -1,4 +1,4 @@
-"""Define types of arrays by the kind of their numbers: floats, flags, indices and counts."""
+"""Define array types by the type of their elements: floats, flags, indices and counts."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Counts = NDArray[np.int64]
 
-PART = 1 << 18  # numbers of a long series that are checked at a time, to limit the memory
+PART = 1 << 18  # largest number of samples that are processed at once, to limit the memory
 
 
 class _Stored:
-    """The annotation tells pydantic how to read and describe an array of numbers in a record."""
+    """The annotation tells pydantic to read lists of one or two levels as an array of floats."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, *_: Any) -> Any:
@@ -27,4 +27,4 @@ class _Stored:
         return core_schema.no_info_after_validator_function(np.array, table)
 
 
-StoredArray = Annotated[Array, _Stored]  # an array as a field of a record that is written as JSON
+StoredArray = Annotated[Array, _Stored]  # an array in a dataclass that is written as JSON

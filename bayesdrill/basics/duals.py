@@ -1,8 +1,8 @@
-"""Compute with dual numbers, which carry exact derivatives, and with numbers of any kind.
+"""Compute with dual numbers, which carry exact derivatives, and with other kinds of numbers.
 
-Formulas use these functions with + - * / for arrays, dual numbers and registers of a kernel.  A
-kind of number with its own implementation is a `Number`, and a comparison of two returns a
-`Choice`.  All other kinds use NumPy's functions.
+Formulas in these functions and + - * / accept arrays, dual numbers and registers of a kernel.
+Classes derived from `Number` implement the functions themselves, and their comparisons return a
+`Choice`.  For arrays and plain numbers, NumPy's functions are used.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Dual:
-    """A dual number has a value and a derivative, which are numbers of any kind."""
+    """A dual number has a value and a derivative (`slope`), which are numbers of any kind."""
 
     value: Any
     slope: Any
 
-    __array_ufunc__: ClassVar[None] = None  # so that `array * dual` calls `Dual.__rmul__`
+    __array_ufunc__: ClassVar[None] = None  # makes `array * dual` call `Dual.__rmul__`
 
     def __getitem__(self, index: Any) -> Dual:
         return Dual(self.value[index], self.slope[index])
@@ -57,7 +57,7 @@ class Dual:
         return dual(other) / self
 
     def __pow__(self, power: float) -> Dual:
-        if not isinstance(power, int) or power < 1:  # only numbers and arrays have these powers
+        if not isinstance(power, int) or power < 1:  # registers of a kernel lack these powers
             slope = power * self.value ** (power - 1) * self.slope
             return Dual(self.value**power, slope)
         result = self
@@ -84,12 +84,12 @@ class Dual:
 
 
 def dual(number: Any) -> Dual:
-    """Return a number as a `Dual`; the slope of a plain number is zero."""
+    """Return a number as a `Dual`; a number without a slope gets slope zero."""
     return number if isinstance(number, Dual) else Dual(number, 0.0)
 
 
 def linear_map(function: Callable[..., Any], *numbers: Any) -> Any:
-    """Apply a linear function to plain numbers, or to values and slopes of duals."""
+    """Apply a linear function to arrays, or to both the values and the slopes of duals."""
     if not all(isinstance(number, Dual) for number in numbers):
         return function(*numbers)
     values, slopes = zip(*((number.value, number.slope) for number in numbers), strict=True)
@@ -97,7 +97,7 @@ def linear_map(function: Callable[..., Any], *numbers: Any) -> Any:
 
 
 def affine_map(function: Callable[[Any], Any], number: Any) -> Any:
-    """Return an affine function of an array, or of a dual, with the slope."""
+    """Apply an affine function f to an array, or to a dual, with slope f(slope) - f(0)."""
     if not isinstance(number, Dual):
         return function(number)
     still = function(np.zeros_like(number.slope))
@@ -107,14 +107,14 @@ def affine_map(function: Callable[[Any], Any], number: Any) -> Any:
 def elementwise(
     function: Callable[[Any], Any], derivative: Callable[[Any], Any], number: Any
 ) -> Any:
-    """Return a function of an array of numbers, or of a dual, with the slope."""
+    """Apply a function to each element of an array, or of a dual, with the given `derivative`."""
     if not isinstance(number, Dual):
         return function(number)
     return Dual(function(number.value), derivative(number.value) * number.slope)
 
 
 class Number(ABC):
-    """A number of this kind has its own implementation of the functions of this module."""
+    """A number of a derived class implements the functions of this module itself."""
 
     __slots__ = ()
 
@@ -159,7 +159,7 @@ def exp(number: Any) -> Any:
 
 
 def log(number: Any) -> Any:
-    """Return the natural logarithm of an array, or of a number with a slope."""
+    """Return the natural logarithm of an array or a dual."""
     return number.log() if isinstance(number, Dual) else np.log(number)
 
 
@@ -169,7 +169,7 @@ def sin(number: Any) -> Any:
 
 
 def below(lower: Any, upper: Any) -> Any:
-    """Compare values: return the mask `lower < upper`, which `where` accepts."""
+    """Compare values, not slopes: return the mask `lower < upper`, which `where` accepts."""
     if isinstance(lower, Dual) or isinstance(upper, Dual):
         return below(dual(lower).value, dual(upper).value)
     if isinstance(lower, Number):
@@ -178,7 +178,7 @@ def below(lower: Any, upper: Any) -> Any:
 
 
 def where(mask: Any, yes: Any, no: Any) -> Any:
-    """Return `yes` where the mask is true and `no` elsewhere, with their slopes."""
+    """Return `yes` where the mask is true, and `no` elsewhere; slopes are selected likewise."""
     if isinstance(yes, Dual) or isinstance(no, Dual):
         first, second = dual(yes), dual(no)
         return Dual(where(mask, first.value, second.value), where(mask, first.slope, second.slope))
@@ -186,7 +186,7 @@ def where(mask: Any, yes: Any, no: Any) -> Any:
 
 
 def size(number: Any) -> Any:
-    """Return the absolute value; its slope at zero is 1."""
+    """Return the absolute value; its derivative at zero is defined as 1."""
     if isinstance(number, Number):
         return number.size()
     return where(below(number, 0.0), -number, number)

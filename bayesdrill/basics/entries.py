@@ -1,7 +1,7 @@
-"""Describe entries of a config: bounded numbers, and entries of members of registries.
+"""Describe entries of a config: bounded numbers, and entries for members of registries.
 
-A member (a rig, a noise, an optimiser) is a dataclass, and each of its `Annotated` fields is an entry
-of the config, such as `i_m: Positive = 0.125`.
+A member of a registry (a rig, a noise, an optimiser) is a dataclass.  Each of its `Annotated`
+fields, such as `i_m: Positive = 0.125`, is an entry of the config.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from bayesdrill.basics.errors import InputError, Issue, short_repr
 class Strict(BaseModel):
     """A section of a config refuses unknown keys, and values of wrong types.
 
-    A `Field`, or a string below an entry, describes the entry.
+    An entry is described by its `Field`, or by a string below the entry.
     """
 
     model_config = ConfigDict(
@@ -35,9 +35,9 @@ class Strict(BaseModel):
     )
 
 
-# No rig exceeds these bounds of numbers in a config, whose squares and ratios are finite.
+# Bounds of numbers in a config.  No rig exceeds them, and squares and ratios stay finite.
 SMALLEST, LARGEST = 1e-30, 1e30
-MAX_COUNT = 1_000_000  # largest count in a config
+MAX_COUNT = 1_000_000  # largest value of a count in a config
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
@@ -48,12 +48,12 @@ Latex = Annotated[str, Field(max_length=200)]  # Matplotlib draws longer texts v
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class NoEntries:
-    """A member without entries has this class."""
+    """A member whose section of a config has no entries has this class."""
 
 
 @functools.cache
 def entries_of(kind: type) -> Mapping[str, Any]:
-    """Return the annotations of a member's entries; raises `ValueError` if it is no dataclass."""
+    """Return the annotations of a member's entries; raises `ValueError` for other classes."""
     if not dataclasses.is_dataclass(kind):
         raise ValueError(f"{getattr(kind, '__name__', kind)} is no dataclass")
     hints = typing.get_type_hints(kind, include_extras=True)
@@ -63,7 +63,7 @@ def entries_of(kind: type) -> Mapping[str, Any]:
 
 @functools.cache
 def entries_model(kind: Any) -> type[Strict]:
-    """Return the pydantic model of a member's entries; raises if a field cannot be an entry."""
+    """Return a pydantic model of a member's entries; raises if pydantic refuses an annotation."""
     fields: dict[str, Any] = {name: (hint, ...) for name, hint in entries_of(kind).items()}
     return create_model("Entries", __base__=Strict, **fields)
 
@@ -78,14 +78,14 @@ def set_constants(member: Any) -> None:
         )
     except ValidationError as error:
         reasons = {str(e["loc"][0]): e["msg"].removeprefix("Value error, ") for e in error.errors()}
-        texts = {n: f"{short_repr(given[n])} cannot be this: {why}" for n, why in reasons.items()}
+        texts = {n: f"{short_repr(given[n])} is refused: {why}" for n, why in reasons.items()}
         raise InputError([Issue(*issue) for issue in texts.items()]) from None
     for name in given:
         object.__setattr__(member, name, getattr(read, name))
 
 
 def _annotated(hint: Any) -> bool:
-    """Return whether a type is `Annotated`, or a union with such a type."""
+    """Return whether a type is `Annotated`, or a union that includes an `Annotated` type."""
     return typing.get_origin(hint) is Annotated or any(map(_annotated, _choices(hint)))
 
 
@@ -104,9 +104,9 @@ def _about(hint: Any) -> str:
 def with_member_entries[B: Strict](
     key: str, members: Mapping[str, type]
 ) -> Callable[[type[B]], type[B]]:
-    """Return a decorator that adds the entries of all members to a section, as optional ones.
+    """Return a decorator that adds the entries of all members to a section, as optional entries.
 
-    The entry `key` of the section names a member.
+    The entry `key` of the section selects a member by name.
     """
     return lambda section: _with_member_entries(section, key, members)
 
@@ -120,7 +120,7 @@ def _with_member_entries[B: Strict](
     )
     fields: dict[str, Any] = {key: (key_field.annotation, named)}
     for entry, having in members_by_entry(members).items():
-        if entry in base.model_fields:  # other packages must not replace entries of this one
+        if entry in base.model_fields:  # members of other packages must not replace an entry
             continue
         kind = members[having[0]]
         hint = entries_of(kind)[entry]
@@ -134,7 +134,7 @@ def _with_member_entries[B: Strict](
 
 
 def members_by_entry(members: Mapping[str, type]) -> dict[str, list[str]]:
-    """Return the names of the members that have each entry."""
+    """Return each entry with the names of the members that have the entry."""
     holders: dict[str, list[str]] = {}
     for name, kind in members.items():
         for entry in entries_of(kind):
@@ -143,7 +143,7 @@ def members_by_entry(members: Mapping[str, type]) -> dict[str, list[str]]:
 
 
 def build_member[T](kind: type[T], section: Strict) -> T:
-    """Build a member from the entries of its section; other entries have defaults."""
+    """Build a member from the entries of its section; entries that are None keep their defaults."""
     given = {entry: getattr(section, entry) for entry in entries_of(cast("Hashable", kind))}
     return kind(**{entry: value for entry, value in given.items() if value is not None})
 
@@ -151,14 +151,14 @@ def build_member[T](kind: type[T], section: Strict) -> T:
 def unknown_keys(
     choice: tuple[str, str], members: Mapping[str, type], kind: type, section: Strict
 ) -> dict[str, str]:
-    """Return the entries of a section that `kind` lacks, each with a message for the user.
+    """Return the given entries of a section that `kind` lacks, each with a message for the user.
 
-    `choice` is the entry that names a member, and a noun for such members.
+    `choice` has the key of the entry that names the member, and the noun for such members.
     """
     (key, what), known = choice, entries_of(kind)
     name = getattr(section, key)
     return {
-        entry: f"the {what} {name} has no {entry}; remove it, or {key}: {' or '.join(having)}"
+        entry: f"the {what} {name} has no {entry}; remove it, or take {key}: {' or '.join(having)}"
         for entry, having in members_by_entry(members).items()
         if entry not in known and getattr(section, entry) is not None
     }

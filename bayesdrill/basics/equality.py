@@ -1,4 +1,4 @@
-"""Compare frozen records by their contents, and pickle them without caches."""
+"""Compare frozen dataclasses by their contents, and pickle them without cached properties."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 
 
 class Value:
-    """A value is a frozen dataclass (`eq=False`) compared by its fields; pickles omit caches.
+    """A value is a frozen dataclass (`eq=False`), equal by its fields; pickles omit caches.
 
-    A value with a text of its own (`repr=False`) shows this text at a prompt, too.
+    With `repr=False`, `repr` returns the same text as `str`.
     """
 
     __slots__ = ()
@@ -25,7 +25,7 @@ class Value:
         return equal_content(self, other) if type(other) is type(self) else NotImplemented
 
     def __hash__(self) -> int:
-        return hash(type(self))  # fields may have no hash, and sets are small
+        return hash(type(self))  # fields may be unhashable; sets are small
 
     def __getstate__(self) -> dict[str, Any]:
         fields = dataclasses.fields(self)  # type: ignore[arg-type]  # subclasses are dataclasses
@@ -37,7 +37,7 @@ class Value:
 
 
 def equal_content(first: Any, second: Any) -> bool:
-    """Return whether two objects have the same type and content; NaN equals NaN, caches are ignored."""
+    """Return whether types and contents are equal; NaN equals NaN, and caches are ignored."""
     if first is second:
         return True
     if type(first) is not type(second) or isinstance(first, type) or inspect.isroutine(first):

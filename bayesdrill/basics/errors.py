@@ -1,4 +1,4 @@
-"""Describe errors of the user's input, with messages that say how to correct it."""
+"""Describe mistakes in the user's input, with messages that say how to correct them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-MAX_VALUE_LETTERS = 60  # largest length of a value in a message
-MAX_REASON_LETTERS = 120  # largest length of a library's message, which may quote half a file
+MAX_VALUE_LETTERS = 60  # largest number of letters of a value in a message
+MAX_REASON_LETTERS = 120  # largest number of letters from a library's message, often too long
 
 
 @dataclass(frozen=True, slots=True)
 class Issue:
-    """An issue has a `place` (file, line, entry) and a `message` with the value and the way out."""
+    """An issue has a `place` (file, line, entry), and a `message` with the value and the remedy."""
 
     place: str
     message: str
@@ -25,7 +25,7 @@ class Issue:
 
 
 class InputError(Exception):
-    """An input error has all mistakes of the user at once; the command line exits with status 2.
+    """An input error lists all mistakes of the user; the command line exits with status 2.
 
     Parameters
     ----------
@@ -43,26 +43,26 @@ class InputError(Exception):
 
     def __init__(self, problems: Sequence[Issue]) -> None:
         self.problems = tuple(problems)
-        super().__init__(self.problems)  # the argument for unpickling in another process
+        super().__init__(self.problems)  # unpickling in another process calls `__init__` with it
 
     def __str__(self) -> str:
         return "\n".join(str(problem) for problem in self.problems)
 
     @classmethod
     def at(cls, place: str, message: str) -> InputError:
-        """Build the error of a single problem."""
+        """Build an error with a single problem."""
         return cls([Issue(place, message)])
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorCollector:
-    """An error collector keeps failures in `missing`, so that other results can still be made."""
+    """An error collector lists failures in `missing`, so that other results can still be made."""
 
     missing: list[str] = field(default_factory=list)
 
     @contextmanager
     def making(self, what: str) -> Iterator[None]:
-        """Record an error inside as a failure of `what`; a full disk or a killed worker raises."""
+        """Add any error in the block to `missing`; errors of disk, memory or workers raise."""
         try:
             yield
         except (OSError, MemoryError, BrokenExecutor):
@@ -76,7 +76,7 @@ class ErrorCollector:
 
 @contextmanager
 def report_damage(place: str, message: str) -> Iterator[None]:
-    """Turn any error of a reader into an `InputError`; its reason replaces `{}` in `message`."""
+    """Turn any error of a file reader into an `InputError`; `{}` in `message` is its reason."""
     try:
         yield
     except InputError:
@@ -88,7 +88,7 @@ def report_damage(place: str, message: str) -> Iterator[None]:
 
 
 def collect_each[T, S](function: Callable[[T], S], items: Iterable[T]) -> list[S]:
-    """Apply a function to each item; raises `InputError` with all mistakes, each once."""
+    """Apply a function to each item; raises one `InputError` with all distinct mistakes."""
     results: list[S] = []
     problems: list[Issue] = []
     for item in items:
@@ -106,12 +106,12 @@ def short_repr(value: object) -> str:
     try:
         text = " ".join(repr(value).split())
     except Exception:  # huge integers, and objects with a faulty `repr`
-        return f"what is given, of type {type(value).__name__},"
+        return f"a value of type {type(value).__name__}"
     return shortened(text)
 
 
 def shortened(text: str, most: int = MAX_VALUE_LETTERS) -> str:
-    """Return a text, cut off with dots if it has more than `most` letters."""
+    """Return a text of at most `most` letters; a longer text is cut off and ends with dots."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
@@ -121,20 +121,20 @@ def count_noun(n: int, singular: str, plural: str = "") -> str:
 
 
 class Stopped(KeyboardInterrupt):
-    """A signal asks to stop; other packages may raise `KeyboardInterrupt` for other reasons."""
+    """A signal asks the program to stop; other packages raise `KeyboardInterrupt` themselves."""
 
 
 class Interrupted(Exception):
-    """The user or the system asked to stop; the message says how to continue. Exit status 130."""
+    """A signal stopped the work; the message says how to continue, and the exit status is 130."""
 
 
 def was_stopped(error: BaseException | None) -> bool:
-    """Return whether a signal caused an error, even if native code raised another kind."""
+    """Return whether a signal caused an error, even if native code raised another exception."""
     return isinstance(error, Stopped) or (error is not None and was_stopped(error.__context__))
 
 
 def short_of_memory(error: BaseException | None) -> bool:
-    """Return whether memory was exhausted, by numbers or by the loading of a library."""
+    """Return whether memory was exhausted, by arrays or while a library was loaded."""
     if error is None:
         return False
     unloaded = isinstance(error, ImportError | OSError) and "failed to map" in str(error)
@@ -153,12 +153,12 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def printable(text: str) -> str:
-    """Return lines with control characters replaced by blanks, and surrogates escaped."""
+    """Replace control characters except line ends by blanks, and escape lone surrogates."""
     return "".join(
         letter if letter.isprintable() or letter == "\n" else " " for letter in encodable(text)
     )
 
 
 def encodable(text: str) -> str:
-    """Escape lone surrogates, as in names of files that are not UTF-8, by a backslash."""
+    """Escape lone surrogates with a backslash; file names that are not UTF-8 have them."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")

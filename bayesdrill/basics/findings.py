@@ -1,4 +1,4 @@
-"""Record what looks wrong with a rig, its values, a record or its chains, without sentences."""
+"""Define findings: data on what looks wrong; `report` makes their sentences."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A finding is something that looks wrong, with the names and numbers for its sentence.
+    """A finding is something that looks wrong in a rig, its parameters, a record or a chain.
 
-    kind: the key of its sentence
-    names: names, units and parts, by their placeholders in the sentence
-    numbers: numbers, by their placeholders in the sentence
-    rows: several numbers of each unknown, or of each ensemble
+    kind: the key of the sentence that describes it
+    names: names, units and parts of the sentence, by placeholder
+    numbers: numbers of the sentence, by placeholder
+    rows: several numbers for each unknown or ensemble, by its name
     """
 
     kind: str

@@ -1,4 +1,4 @@
-"""Fork worker processes from a server that belongs to this package."""
+"""Fork worker processes from a fork server that only this package uses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 class Server(forkserver.ForkServer):
-    """The server belongs to one process, and is replaced when it cannot be reached."""
+    """The fork server serves one parent process, and is replaced if it cannot be reached."""
 
     read_signed = staticmethod(forkserver.read_signed)
 
@@ -18,7 +18,7 @@ class Server(forkserver.ForkServer):
         self._owner = os.getpid()
 
     def ensure_running(self) -> None:
-        """Start a server if this process was forked from its owner, or if its socket was removed.
+        """Start a new server after a fork of the parent process, or if the socket was removed.
 
         Many systems remove old temporary files, such as the socket, while a notebook is open.
         """
@@ -34,7 +34,7 @@ SERVER = Server()
 
 
 class _Popen(popen_forkserver.Popen):
-    # The standard library asks the server in this global variable for a process.
+    # `_launch` uses the server in the global variable `forkserver`; here this is `SERVER`.
     _launch = FunctionType(
         popen_forkserver.Popen._launch.__code__,  # type: ignore[attr-defined]
         {**vars(popen_forkserver), "forkserver": SERVER},

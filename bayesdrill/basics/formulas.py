@@ -1,4 +1,4 @@
-"""Parse formulas and linear combinations; their text is never executed as Python.
+"""Parse formulas and linear combinations; they are never executed as Python code.
 
 Examples are the formula `pi*G*d**4/(32*L)` and the combination `theta_1 - theta_2`.  Both may
 contain numbers, names, `+ - * / **`, `pi`, `sqrt`, `exp` and `log`.
@@ -22,8 +22,8 @@ from bayesdrill.basics.errors import did_you_mean, shortened
 FUNCTIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
     {"sqrt": np.sqrt, "exp": np.exp, "log": np.log}
 )
-MAX_TERMS = 1000  # largest count of numbers, names and operations in a formula
-MAX_DEPTH = 100  # largest depth of operations; a sum of n terms has n - 1
+MAX_TERMS = 1000  # largest number of nodes (numbers, names, operations) in a syntax tree
+MAX_DEPTH = 100  # largest depth of a syntax tree; the depth of a sum of n terms is n
 RESERVED = frozenset({"pi", *FUNCTIONS})
 
 _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxyType(
@@ -38,14 +38,14 @@ _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProx
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """An expression is a parsed formula; two with the same `text` are equal."""
+    """An expression is a parsed formula; expressions with the same `text` are equal."""
 
     text: str
     tree: ast.expr = field(repr=False, compare=False)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of its quantities, in the order of the syntax tree."""
+        """Return the names of the formula's quantities, in the order of `ast.walk`."""
         names = (node.id for node in ast.walk(self.tree) if isinstance(node, ast.Name))
         return tuple(dict.fromkeys(name for name in names if name not in RESERVED))
 
@@ -56,15 +56,15 @@ class Expression:
 
     @property
     def positive(self) -> bool:
-        """Return whether the formula is surely positive if its names are; False for differences."""
+        """Return whether positive quantities make the formula surely positive; False for sums."""
         return _is_positive(self.tree)
 
     def renamed(self, names: Mapping[str, str]) -> Expression:
-        """Return the formula with names replaced by others."""
+        """Return the formula with `names` (old: new) replaced."""
         return self.substituted({old: Expression(x, ast.Name(x)) for old, x in names.items()})
 
     def substituted(self, others: Mapping[str, Expression]) -> Expression:
-        """Return the formula with names replaced by formulas; raises `ValueError` if it is too long."""
+        """Replace names by formulas; raises `ValueError` if the resulting formula is too long."""
 
         class Substitution(ast.NodeTransformer):
             def visit_Name(self, node: ast.Name) -> ast.expr:
@@ -76,7 +76,7 @@ class Expression:
 
 
 def expression(text: str, known: Iterable[str]) -> Expression:
-    """Read a formula of the `known` names; raises `ValueError` with a message for the user."""
+    """Parse a formula in the `known` names; raises `ValueError` with a message for the user."""
     with _readable(text, "pi*G*d**4/(32*L), with a decimal point and without units"):
         tree = ast.parse(text.strip(), mode="eval").body
         _check_size(tree)
@@ -86,16 +86,16 @@ def expression(text: str, known: Iterable[str]) -> Expression:
 
 @contextmanager
 def _readable(text: str, example: str) -> Iterator[None]:
-    """Turn errors of the parser into a `ValueError` with an `example`."""
+    """Turn errors of the parser into a `ValueError` that shows an `example`."""
     try:
         yield
-    except (SyntaxError, RecursionError, MemoryError, OverflowError):  # too deep, or too large
+    except (SyntaxError, RecursionError, MemoryError, OverflowError):  # too deep or too large
         message = f"{_short(text)} is not a formula; write for example {example}"
         raise ValueError(message) from None
 
 
 class RelationError(ValueError):
-    """The relation of `name` cannot be resolved together with the others."""
+    """The relation of `name` cannot be resolved: it is circular or becomes too long."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)
@@ -103,7 +103,7 @@ class RelationError(ValueError):
 
 
 def resolve_relations(relations: Mapping[str, Expression]) -> dict[str, Expression]:
-    """Substitute relations into each other until only free names remain; raises `RelationError`."""
+    """Substitute relations into each other, until free names remain; raises `RelationError`."""
     done: dict[str, Expression] = {}
 
     def resolve(name: str, path: tuple[str, ...]) -> Expression:
@@ -125,7 +125,7 @@ def resolve_relations(relations: Mapping[str, Expression]) -> dict[str, Expressi
 
 
 def _check_size(tree: ast.expr) -> None:
-    """Check the size of a tree without recursion, which a very deep one would exhaust."""
+    """Check the size of a tree level by level, since recursion fails for a very deep tree."""
     depth, level, count = 0, [tree], 0
     while level:
         depth, count = depth + 1, count + len(level)
@@ -197,7 +197,7 @@ def _power(node: ast.expr) -> int | float:
 
 
 def _is_positive(node: ast.expr) -> bool:
-    """Return whether a formula is positive: a number, or a product of powers of names."""
+    """Return whether a formula is a positive number, or a product of powers of names."""
     with suppress(KeyError), np.errstate(all="ignore"):
         return bool(0 < _value(node, {}) < math.inf)
     match node:
@@ -220,7 +220,7 @@ _ONLY_SUMS = "only sums of multiples of states are possible"
 
 
 def linear_combination(text: str, known: Iterable[str]) -> dict[str, float]:
-    """Return the weights of the `known` names; raises `ValueError` with a message for the user."""
+    """Return nonzero weights by `known` name; raises `ValueError` with a message for the user."""
     names = list(known)
     shown = _short(text)
     with _readable(text, "theta_1 - theta_2"):
@@ -236,7 +236,7 @@ def linear_combination(text: str, known: Iterable[str]) -> dict[str, float]:
 
 
 def _weights(node: ast.expr, known: list[str]) -> dict[str, float]:
-    """Return weights by name, with the constant term under the name ''."""
+    """Return weights by name; the name of the constant term is ''."""
     match node:
         case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
             return {"": float(value)}

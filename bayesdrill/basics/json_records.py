@@ -1,4 +1,4 @@
-"""Write frozen records as data for JSON, and read them back by the types of their fields (pydantic).
+"""Convert frozen dataclasses to data for JSON, and back by the types of their fields (pydantic).
 
 Floats keep all digits; infinities and NaN are the strings `Infinity`, `-Infinity` and `NaN`.
 """
@@ -16,39 +16,38 @@ from typing import Any
 from pydantic import TypeAdapter
 from pydantic_core import to_jsonable_python
 
-_adapter: Callable[[Any], TypeAdapter[Any]] = cache(
-    TypeAdapter
-)  # one adapter for each kind, built when it is first read
+# Adapters are built at the first use of a class, since building is slow.
+_adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
 
 
 def as_data(value: Any) -> Any:
-    """Convert a record and its contents to mappings, lists, numbers and strings for JSON."""
+    """Convert a dataclass and its contents to mappings, lists, numbers and strings for JSON."""
 
     def plain(content: Any) -> Any:
         return dict(content) if isinstance(content, Mapping) else content.tolist()
 
-    # Numbers that are not finite become strings.  ASCII allows file names that are not UTF-8.
+    # Infinities and NaN become strings.  ASCII escapes lone surrogates of undecodable file names.
     text = json.dumps(to_jsonable_python(value, fallback=plain))
     return json.loads(text, parse_constant=str)
 
 
 def from_data[T](kind: type[T], data: Any, *, strict: bool = False) -> T:
-    """Convert the data of `as_data` back to a record or typed mapping of this kind.
+    """Convert data from `as_data` back to a dataclass or typed mapping of type `kind`.
 
-    Raises `ValueError` for wrong names or types; `strict` also refuses numbers in strings.
+    Raises `ValueError` for wrong names or types; if `strict`, also for numbers in strings.
     """
-    # Pydantic rejects lone surrogates, as in names of files, so they are replaced.
+    # Pydantic rejects lone surrogates, which file names may contain, so they are replaced.
     text = json.dumps(data, ensure_ascii=False).encode("utf-8", "replace")
     record: T = _adapter(kind).validate_json(text, strict=strict)
     return record
 
 
 FIELD_LINE = re.compile(r"(?P<name>\w+): (?P<description>.+?)(?: \[(?P<unit>.+)\])?")
-LABEL_FIELDS = ("name", "channel", "label", "parameter")  # fields that name a record in a list
+LABEL_FIELDS = ("name", "channel", "label", "parameter")  # fields that identify an item of a list
 
 
 def field_descriptions(kind: type) -> dict[str, dict[str, str]]:
-    """Parse descriptions and units from lines such as `size: the diameter [m]` of a docstring."""
+    """Return descriptions and units from docstring lines such as `size: the diameter [m]`."""
     lines = map(FIELD_LINE.fullmatch, (inspect.getdoc(kind) or "").splitlines())
     described = [
         {key: text for key, text in line.groupdict().items() if text} for line in lines if line
@@ -58,7 +57,7 @@ def field_descriptions(kind: type) -> dict[str, dict[str, str]]:
 
 
 def leaves(data: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the numbers, strings and Nones of data with names such as `unknowns.k_s.mean`."""
+    """Yield the numbers, strings and Nones in nested data, with names like `unknowns.k_s.mean`."""
     if isinstance(data, list):
         labels = [_label(item) for item in data]
         named = all(labels) and len({*labels}) == len(labels)

@@ -1,10 +1,10 @@
-"""Start worker processes, forked from a server with loaded libraries, or fresh ones.
+"""Start worker processes, which are forked from a server with loaded libraries, or spawned.
 
-A process that has threads, such as that of a notebook, cannot be forked safely.  On Linux workers
-are therefore forked from a server (`multiprocessing.forkserver`), a fresh process with one thread.
-The server loads the libraries once for all workers, while its parent reads config and record.  An
-application that uses this package may have another server, with other libraries and limits.  If no
-server can be started, and on systems whose libraries start threads, each worker is a fresh process.
+A process with several threads, such as that of a notebook, cannot be forked safely.  On Linux,
+workers are therefore forked from a server (`multiprocessing.forkserver`), which has one thread.  It
+loads the libraries once for all workers, while the parent process reads the config and the record.
+The application that uses this package may have another fork server, with other libraries.  On other
+systems, or if the server cannot start, each worker is a new process ("spawn").
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from multiprocessing.context import BaseContext
 
 FORKED = sys.platform == "linux"
 SPAWN = multiprocessing.get_context("spawn")
-PRELOADED = "bayesdrill.sampling.preloaded"  # module that loads the workers' libraries
+PRELOADED = "bayesdrill.sampling.preloaded"  # module with which the server loads libraries
 STOPPING = ("SIGINT", "SIGHUP", "SIGTERM")
-# Only a server with one thread can be forked.  Its workers have one thread, too.
+# Libraries start no threads in the server, so that it can be forked, nor in its workers.
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
-STARTING = threading.Lock()  # several threads may start workers
+STARTING = threading.Lock()  # several threads may start workers at the same time
 
 
 def available_processors() -> int:
@@ -35,7 +35,7 @@ def available_processors() -> int:
 
 @contextmanager
 def held_signals() -> Iterator[None]:
-    """Block signals that end a run, here and in processes that this context starts."""
+    """Block the signals `STOPPING` in this thread, and in processes started in the block."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -49,7 +49,7 @@ def held_signals() -> Iterator[None]:
 
 @contextmanager
 def environment(changes: Mapping[str, str]) -> Iterator[None]:
-    """Change variables of the environment in this context."""
+    """Change environment variables within the block."""
     before = {name: os.environ.get(name) for name in changes}
     os.environ.update(changes)
     try:
@@ -60,14 +60,14 @@ def environment(changes: Mapping[str, str]) -> Iterator[None]:
 
 
 def start_server() -> BaseContext:
-    """Start the server unless it runs, without waiting for it; return the context of workers.
+    """Start the server if it does not run, and return a context that starts workers.
 
-    Workers of this context are forked from the server, or fresh if the server cannot start: its
-    socket needs a temporary directory with a path of at most some 80 bytes.
+    The function does not wait for the server.  If the server cannot start, workers are spawned: its
+    socket needs a temporary directory whose path has at most about 80 bytes.
     """
     with STARTING:
-        # The resource tracker survives a killed run and removes its semaphores.  The tracker's
-        # warning would appear on the terminal of the next run.
+        # If a run is killed, the resource tracker removes its semaphores and warns about them.  The
+        # warning is switched off, since it would appear in the output of the next run.
         with held_signals():
             sys.warnoptions.append("ignore:resource_tracker")
             try:
@@ -78,11 +78,11 @@ def start_server() -> BaseContext:
             return SPAWN
         from bayesdrill.basics import forking
 
-        # The server has the import path of this process, without the current directory, which may
-        # contain a `corner.py` of the user.
+        # The server gets the import path of this process, but not the current directory: a user's
+        # `corner.py` there would replace the library.
         path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
         own = {**ONE_THREAD, "PYTHONPATH": path, "PYTHONSAFEPATH": "1"}
-        try:  # the start of the tracker unblocked the signals
+        try:  # signals are blocked again, as the tracker's start unblocked them
             forking.SERVER.set_forkserver_preload([PRELOADED])
             with held_signals(), environment(own):
                 forking.SERVER.ensure_running()

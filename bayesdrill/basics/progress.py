@@ -1,4 +1,4 @@
-"""Report the progress of long work: as a bar on a terminal, as lines in a file."""
+"""Report the progress of long work, as a bar on a terminal or as lines in a file."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from bayesdrill.basics.errors import printable
 
 @runtime_checkable
 class Reporter(Protocol):
-    """A reporter shows the progress of long work; a thread may call it while another one waits."""
+    """A reporter shows the progress of long work; any single thread at a time may call it."""
 
     def say(self, text: str) -> None:
         """Print a line."""
 
     def update(self, fraction: float, text: str) -> None:
-        """Show a text and the completed fraction of a stage; 0 begins the stage, and 1 ends it."""
+        """Show a text and the completed fraction of a stage: 0 at its start, 1 at its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ SILENT = Silent()
 
 @dataclass(slots=True)
 class Lines:
-    """The reporter prints a line per stage, and one every `interval` seconds, for log files."""
+    """The reporter prints a line per stage and every `interval` seconds, for log files."""
 
     stream: TextIO
     interval: float = 10.0
@@ -51,7 +51,7 @@ class Lines:
         """See `Reporter.say`."""
         try:
             print(printable(text), file=self.stream, flush=True)
-        except OSError:  # a closed pipe or a full disk must not end the work
+        except OSError:  # a closed pipe or a full disk must not stop the work
             os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
 
     def update(self, fraction: float, text: str) -> None:
@@ -67,7 +67,7 @@ class Lines:
 
 
 class Bar:
-    """The reporter shows a progress bar of rich with the estimated time left, for terminals."""
+    """The reporter shows a progress bar (rich) and the estimated remaining time, for terminals."""
 
     def __init__(self, console: Any, progress: Any) -> None:
         self._console, self._progress = console, progress
@@ -106,7 +106,7 @@ def _time_left(elapsed: float, fraction: float) -> str:
 
 @contextmanager
 def reporter() -> Iterator[Reporter]:
-    """Yield a bar if stderr is a terminal, otherwise lines; without stderr, a silent reporter."""
+    """Yield a `Bar` if stderr is a terminal, otherwise `Lines`; `Silent` without stderr."""
     if sys.stderr is None:
         yield Silent()
         return

@@ -1,4 +1,4 @@
-"""Look up members by name, including those of other packages; import public names lazily."""
+"""Look up members of registries, also from other packages; import public names lazily."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bayesdrill.basics.errors import did_you_mean, was_stopped
 
 @cache
 def public_names(package: str) -> dict[str, str]:
-    """Return the public names of a package with their modules: its imports under `TYPE_CHECKING`."""
+    """Return the modules of a package's public names, from its imports under `TYPE_CHECKING`."""
     tree = ast.parse(inspect.getsource(sys.modules[package]))
     blocks = (node.body for node in tree.body if isinstance(node, ast.If))
     imports = (node for body in blocks for node in body if isinstance(node, ast.ImportFrom))
@@ -28,7 +28,7 @@ def public_names(package: str) -> dict[str, str]:
 
 
 def lazy_attributes(package: str) -> Callable[[str], Any]:
-    """Return a `__getattr__` for a package that imports each of its `public_names` at first use."""
+    """Return a module's `__getattr__` that imports each of the `public_names` at its first use."""
 
     def find(name: str) -> Any:
         known = {} if name.startswith("__") else public_names(package)  # e.g. `__path__`
@@ -46,10 +46,10 @@ def check_callable(_: str, member: Any) -> None:
 
 
 class Registry[T](Mapping[str, T]):
-    """A registry has members of the kind `what`: those of this package, then entry points.
+    """A registry maps names to members of the kind `what`, also from entry points.
 
-    A member of another package is loaded at first use; `ValueError` is raised if this fails.  It
-    cannot replace a member of this package with the same name.
+    Members of this package come first.  A member of another package is loaded at its first use, and
+    raises `ValueError` if this fails.  It cannot replace a member of this package by its name.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Registry[T](Mapping[str, T]):
             member: T = entry_point.load()
             if self._judge is not None:
                 self._judge(entry_point.name, member)
-        except BaseException as error:  # code of another package may raise any exception
+        except BaseException as error:  # other packages may raise any exception
             if was_stopped(error):
                 raise
             failure = f"cannot be used from {entry_point.value}"
@@ -96,7 +96,7 @@ class Registry[T](Mapping[str, T]):
         return name in self._members or name in self._entry_points_of_kind
 
     def usable(self) -> dict[str, T]:
-        """Return all members except those that cannot be loaded."""
+        """Return all members that can be loaded."""
         members = {}
         for name in self:
             with suppress(ValueError):
@@ -104,12 +104,12 @@ class Registry[T](Mapping[str, T]):
         return members
 
 
-_entry_points = cache(entry_points)  # searching all installed packages takes some milliseconds
+_entry_points = cache(entry_points)  # a search of all installed packages takes milliseconds
 
 
 def blamed_package(error: BaseException) -> str:
-    """Return a message that names the other package that caused an error, or an empty text."""
-    text = "".join(traceback.format_exception(error))  # the text includes the traceback of a worker
+    """Return a message that names the extension in which an error arose; empty if none did."""
+    text = "".join(traceback.format_exception(error))  # includes the traceback in a worker
     for entry_point in _entry_points():
         top = entry_point.module.partition(".")[0]
         file = getattr(sys.modules.get(top), "__file__", None)
@@ -126,7 +126,7 @@ def _blame(entry_point: EntryPoint, failure: str, error: BaseException) -> str:
     package = entry_point.dist.name if entry_point.dist else "an installed package"
     try:
         reason = str(error)
-    except Exception:  # `__str__` is code of another package, too
+    except Exception:  # `__str__` is code of that package, and may fail
         reason = ""
     if not reason or not isinstance(error, ValueError):
         reason = f"{type(error).__name__}: {reason}".removesuffix(": ")

@@ -1,4 +1,4 @@
-"""Make an independent random stream for each purpose, all from one integer seed."""
+"""Derive independent random streams for all purposes from one integer seed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _sequence(seed: int, purpose: Purpose, index: int) -> np.random.SeedSequence
 
 
 def stream(seed: int, purpose: Purpose, index: int = 0) -> np.random.Generator:
-    """Return the generator for a purpose and an index, such as that of an ensemble."""
+    """Return the generator for a purpose and an index, such as the index of an ensemble."""
     return np.random.default_rng(_sequence(seed, purpose, index))
 
 
@@ -45,7 +45,7 @@ def bits(seed: int, purpose: Purpose, index: int = 0) -> np.random.MT19937:
 
 
 def legacy_state(seed: int, purpose: Purpose, index: int = 0) -> tuple[Any, ...]:
-    """Return a state tuple of `RandomState`; emcee silently ignores any other kind of state."""
+    """Return a `RandomState` as a legacy tuple; emcee silently ignores states of other types."""
     state = np.random.RandomState(bits(seed, purpose, index)).get_state(legacy=True)
     assert isinstance(state, tuple)
     return state

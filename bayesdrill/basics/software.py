@@ -1,4 +1,4 @@
-"""Return the versions of the software that made a result, and its citation."""
+"""Return the versions of the software on which results depend, and the works to cite."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from importlib.resources import files
 
 import bayesdrill
 
-# Other versions of these packages may change the last bits of a chain, by random streams and sums
-# (numpy), priors (scipy), steps (emcee) or compiled models (llvmlite).
+# With other versions of these packages, the last bits of a chain may differ: through random streams
+# and sums (numpy), priors (scipy), steps (emcee) or machine code (llvmlite).
 DECISIVE = ("numpy", "scipy", "emcee", "llvmlite")
 PACKAGES = (*DECISIVE, "arviz-stats", "arviz-base", "h5py")
 
 
 def installed_versions() -> dict[str, str]:
-    """Return the versions of this package and of the packages on which results depend."""
+    """Return the versions of this package and of the libraries on which results depend."""
     return {"bayesdrill": bayesdrill.__version__, **{name: version(name) for name in PACKAGES}}
 
 
 def version_differences(used: Mapping[str, str], wanted: Mapping[str, str]) -> list[str]:
-    """Return a text for each package whose `used` version differs from the `wanted` one."""
+    """Return a text for each package whose `used` version differs from the `wanted` version."""
     return [f"{k} {used.get(k)} instead of {v}" for k, v in wanted.items() if used.get(k) != v]
 
 
@@ -35,5 +35,5 @@ def versions_text() -> str:
 
 
 def citation() -> str:
-    """Return BibTeX entries of bayesdrill and of the works on which its results are based."""
+    """Return BibTeX entries for bayesdrill and for the publications of its methods."""
     return files("bayesdrill").joinpath("citation.bib").read_text(encoding="utf-8")

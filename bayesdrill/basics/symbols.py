@@ -1,7 +1,7 @@
-"""Define the table of symbols with meaning, unit and LaTeX, and the tables of nominal values.
+"""Define the symbols with their meanings, units and LaTeX, and tables of nominal values.
 
 The first nine parameters are those of the paper (Sandoval, Cunha Jr and Sampaio, ENIEF 2013, Table
-1); the others belong to further physics.  Note that `t_f` is a torque, whereas `t` is time.
+1); all others describe further physics.  Note that `t_f` is a torque, whereas `t` is time.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
 
-# Unit of a speed, by the unit of its coordinate.
+# The unit of a speed for each unit of the coordinate.
 SPEED_UNITS: Mapping[str, str] = MappingProxyType({"rad": "rad/s", "m": "m/s"})
 
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """A symbol has an SI unit in pint's notation, LaTeX, and LaTeX of its unit.
+    """A symbol has a name, an SI unit in pint's notation, a meaning, and LaTeX for name and unit.
 
-    `held` is the range of values at which a parameter may be fixed. An unknown is positive, unless
-    it may have `any` value, such as an angle. `at_most` is the upper bound.  `typical` quotes SI
+    `held` is the range of values at which a parameter may be fixed. An unknown parameter must be
+    positive unless `held` is "any". `at_most` is the upper bound of values.  `typical` quotes SI
     values of known rigs with their sources. `drives` marks an input that moves the rig.
     """
 
@@ -34,11 +34,11 @@ class Symbol:
     held: Literal["positive", "not negative", "any"] = "positive"
     at_most: float = math.inf
     typical: str = ""
-    drives: bool = field(default=False, repr=False)  # `repr` is part of fingerprints of runs
+    drives: bool = field(default=False, repr=False)  # fingerprints of runs contain the `repr`
 
     @property
     def signed(self) -> bool:
-        """Return whether a parameter may be negative when it is unknown."""
+        """Return whether a parameter may be negative if it is unknown."""
         return self.held == "any"
 
     @property
@@ -53,7 +53,7 @@ def plain(unit: str) -> str:
 
 
 def fraction(above: Sequence[str], below: Sequence[str], times: str) -> str:
-    """Return a fraction of products as text, with brackets where they are needed."""
+    """Return a quotient of two products as text, `a b/(c d)`; `times` separates factors."""
     over = times.join(above)
     if not below:
         return over
@@ -62,7 +62,7 @@ def fraction(above: Sequence[str], below: Sequence[str], times: str) -> str:
 
 
 def unit_product(units: Sequence[str], exponents: Sequence[int]) -> str:
-    """Return the unit of a product of powers in pint's notation, such as `(N*m/rad)*(H)**2`."""
+    """Return the product of powers of units in pint's notation, such as `(N*m/rad)*(H)**2`."""
     powers = [(unit, e) for unit, e in zip(units, exponents, strict=False) if e]
     if len(powers) == 1 and powers[0][1] == 1:
         return powers[0][0]
@@ -70,7 +70,7 @@ def unit_product(units: Sequence[str], exponents: Sequence[int]) -> str:
 
 
 def product_latex(exponents: Sequence[int], symbols: Sequence[Symbol]) -> str:
-    r"""Return the LaTeX of a product of powers without dollars, such as `k_T/(r_m\,k_s)`."""
+    r"""Return the LaTeX of a product of powers, without dollar signs: `k_T/(r_m\,k_s)`."""
     above, below = (
         [
             superscript(symbol.latex, str(sign * e)) if sign * e > 1 else symbol.latex
@@ -83,11 +83,11 @@ def product_latex(exponents: Sequence[int], symbols: Sequence[Symbol]) -> str:
 
 
 def superscript(latex: str, index: str) -> str:
-    """Return `latex` with exponent `index`; without `{}`, TeX drops the braces around an accent."""
+    """Return `latex` with an exponent; `{}` keeps TeX from dropping the braces around an accent."""
     return (f"{{{{}}{latex}}}" if {"^", "'"} & {*latex} else latex) + f"^{{{index}}}"
 
 
-_SIGNS = {  # special characters of units, and their LaTeX
+_SIGNS = {  # special characters in units, and their LaTeX
     **dict.fromkeys("\u00b7\u22c5", "*"),
     **dict.fromkeys("\u00b5\u03bc", r"{\mu}"),
     **dict.fromkeys("\u03a9", r"{\Omega}"),
@@ -97,9 +97,9 @@ _SIGNS = {  # special characters of units, and their LaTeX
 
 
 def latex_unit(unit: str) -> str:
-    r"""Return the LaTeX of a unit in pint's notation, without dollars: `mN*m` is `mN\,m`.
+    r"""Convert a unit from pint's notation to LaTeX without dollar signs: `mN*m` to `mN\,m`.
 
-    Raises `ValueError` for letters that are missing in the fonts of formulas.
+    Raises `ValueError` for letters that the fonts for formulas do not have.
     """
     if unit in ("1", ""):
         return ""
@@ -107,9 +107,8 @@ def latex_unit(unit: str) -> str:
         unit = unit.replace(sign, latex)
     if not unit.isascii():
         raise ValueError(f"unit '{unit}' has letters that formulas do not have")
-    parts = re.split(
-        r"(?:\*\*|\^)\s*\(?\s*(-?[\d.]+)\s*\)?", unit.strip()
-    )  # names and powers, in turn
+    # Even items are products of names, and odd items are the powers after them.
+    parts = re.split(r"(?:\*\*|\^)\s*\(?\s*(-?[\d.]+)\s*\)?", unit.strip())
     shown = [
         re.sub(r"\s*\*\s*|(?<=\w)\s+(?=\w)", r"\\,", re.sub(r"([%#&_$])", r"\\\1", part))
         for part in parts[::2]
@@ -152,7 +151,7 @@ _TYPICAL = {
 
 PARAMETERS = _table(
     _symbol("j_m", "kg*m**2", "j_m", "moment of inertia of the motor"),
-    # A motor may lack damping or friction; if it turns backwards, its friction is negative.
+    # Damping and friction of a motor may be zero; t_f is negative if the motor turns backwards.
     _or_zero("c_m", "N*m*s/rad", "c_m", "internal damping of the motor"),
     _symbol("k_e", "V*s/rad", "k_e", "voltage constant of the motor"),
     _symbol("k_T", "N*m/A", "k_T", "torque constant of the motor"),
@@ -164,7 +163,7 @@ PARAMETERS = _table(
         _symbol("t_f", "N*m", "t_f", "torque of the motor's internal friction (not a time)"),
         held="any",
     ),
-    # Optional parameters: a rig has only the named ones.
+    # Optional parameters: a rig has only those that its config names.
     _or_zero("c_s", "N*m*s/rad", "c_s", "damping of the shaft"),
     _or_zero("j_2", "kg*m**2", "j_2", "moment of inertia at the output of the gearbox"),
     _or_zero("r_s", "ohm", "r_s", "resistance in series with the motor"),
@@ -185,7 +184,7 @@ PARAMETERS = _table(
     _symbol("j_0", "kg*m**2", "j_0", "moment of inertia of rotor 0, beyond rotor 1"),
     _or_zero("c_0", "N*m*s/rad", "c_0", "damping between rotor 1 and rotor 0"),
     _symbol("j_s", "kg*m**2", "j_s", "moment of inertia of the shaft itself"),
-    # Parameters of a bit that cuts rock under a weight.
+    # Parameters of a drill bit that cuts rock under a weight.
     _symbol("b_0", "m", "b_0", "torque at the bit over the weight on it, at high speed"),
     _symbol("b_1", "s/rad", "b_1", "how steeply the torque at the bit begins with its speed"),
     _or_zero("b_2", "s/rad", "b_2", "how high the hump of the torque at the bit is at low speed"),
@@ -205,13 +204,13 @@ STATES = _table(
 INPUTS = _table(
     _drive("v", "V", "v", "voltage supplied to the motor"),
     _symbol("t_1", "N*m", "t_1", "friction torque on rotor 1 (load)"),
-    # Inputs of rigs that are not driven by a voltage.
+    # Inputs of rigs that a speed or a torque drives, and of rigs with a bit.
     _drive("w_2", "rad/s", r"\dot\theta_2", "speed imposed on the shaft at the gearbox"),
     _drive("t_m", "N*m", "t_m", "torque that the motor is driven with (motor side)"),
     _symbol("wob", "N", "W", "weight on the bit"),
 )
 
-# Quantities that are computed from the parameters of every draw (`inference.derived`).
+# Quantities that are computed from the parameters of each draw (`inference.derived`).
 DERIVED = _table(
     _symbol("omega_n", "rad/s", r"\omega_n", "natural frequency of the oscillating pair"),
     _symbol("zeta", "1", r"\zeta", "damping ratio of the oscillating pair"),
@@ -221,12 +220,12 @@ DERIVED = _table(
     _symbol("i_end", "A", r"\dot q_\infty", "steady current at the usual inputs"),
 )
 
-# Names of axes in `posterior.nc`, which quantities may not have.
+# Names of axes in `posterior.nc`; quantities must not have these names.
 AXES = frozenset({"chain", "draw", "time"})
 
 
-# Initial guesses of Table 3, the reference of the deviations in Tables 2 and 3.  The geometry of
-# the shaft agrees with k_s (G pi d^4 / 32 L = 0.263 N m/rad).
+# Initial guesses of Table 3, from which Tables 2 and 3 give deviations.  The geometry of the shaft
+# agrees with k_s: pi G d^4 / (32 L) = 0.263 N m/rad.
 _TABLES_2_3 = {
     "j_m": 4.0e-4,
     "c_m": 19.0e-5,
@@ -238,9 +237,9 @@ _TABLES_2_3 = {
     "j_1": 28.3e-3,
     "t_f": 1.0e-1,
 }
-# The printed Table 1, whose k_s and c_m contradict Tables 2 and 3.
+# Table 1 as printed; its k_s and c_m contradict Tables 2 and 3.
 _TABLE_1 = {**_TABLES_2_3, "k_s": 3.0e-1, "c_m": 18.0e-5}
-# Nominal values of the nine parameters in SI, by table.
+# Nominal values of the nine parameters in SI, by the name of the table.
 NOMINAL: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {"tables_2_3": MappingProxyType(_TABLES_2_3), "table_1": MappingProxyType(_TABLE_1)}
 )
@@ -255,7 +254,7 @@ _GREEK = re.compile(
 
 
 def own_symbol(name: str, unit: str, latex: str | None, meaning: str) -> Symbol:
-    """Return a symbol for a name in a config; `omega_1` is typeset as omega with an index."""
+    """Return a symbol for a name in a config; `omega_1` becomes a Greek letter with index 1."""
     head, _, index = name.partition("_")
     shown = (
         rf"\{head}" if _GREEK.fullmatch(head) else head if len(head) == 1 else rf"\mathrm{{{head}}}"

@@ -1,4 +1,4 @@
-"""Convert units of the user to SI at input, and back at output."""
+"""Convert numbers from the user's units to SI when they are read, and back when shown."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bayesdrill.basics.errors import MAX_VALUE_LETTERS, shortened
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A display unit has a `name` in pint's notation, a `factor` in SI, and `latex` without dollars."""
+    """A display unit has a `name` (pint), a `factor` to SI, and `latex` without dollar signs."""
 
     name: str
     factor: float
@@ -25,9 +25,9 @@ SECOND = Unit("s", 1.0, "s")
 
 
 def display_unit(unit: str, si: str | None = None, latex: str = "") -> Unit:
-    """Return the display unit of a quantity with the SI unit `si`, whose LaTeX is `latex`.
+    """Return the display unit of a quantity; `latex` is the LaTeX of its SI unit `si`.
 
-    Without `si` the unit may be of any kind, and `coherent` gives the SI unit.  If the user's unit
+    Without `si`, the unit may be of any dimension, and `coherent` finds the SI unit.  If `unit`
     cannot be typeset, the SI unit is returned.
     """
     si_name, si_per_unit = coherent(unit) if si is None else (si, factor(unit, si))
@@ -41,7 +41,7 @@ def display_unit(unit: str, si: str | None = None, latex: str = "") -> Unit:
 
 
 def factor(unit: str, si: str) -> float:
-    """Return the factor from `unit` to `si`; raises `ValueError` with a message for the user."""
+    """Return how many `si` one `unit` is; raises `ValueError` with a message for the user."""
     if unit == si:
         return 1.0
     same_kind = [common for common, (kind, _) in _COMMON.items() if kind == si]
@@ -65,7 +65,7 @@ def factor(unit: str, si: str) -> float:
     unreadable = f"unit '{shortened(unit)}' cannot be read; write for example {examples}"
     if not _written_as_a_unit(unit):
         raise ValueError(unreadable)
-    import pint  # late: it loads in 0.3 s, and most configs only have common units
+    import pint  # late: loading takes 0.3 s, and most configs have only common units
 
     try:
         quantity, wanted = _quantity(1.0, unit), _quantity(1.0, si)
@@ -74,15 +74,15 @@ def factor(unit: str, si: str) -> float:
         raise ValueError(f"unit '{unit}' is not known; write for example {examples}") from None
     except pint.DimensionalityError:
         raise ValueError(other_kind) from None
-    except Exception:  # pint raises many kinds for malformed text
+    except Exception:  # pint raises many types of exceptions for malformed text
         raise ValueError(unreadable) from None
-    if not _same_base(quantity, wanted):  # angles, counts, bits and Hz have no dimension in pint
+    if not _same_base(quantity, wanted):  # in pint, angles, counts, bits and cycles are numbers
         why = "as the angle of one such unit is unknown"
         raise ValueError(f"unit '{unit}' is not a unit of {si}, {why}; write {examples}")
     return value
 
 
-# Factors of common units, so that pint, which loads in 0.3 s, is rarely needed.
+# SI units and factors of common units, so that pint (0.3 s to load) is rarely needed.
 _KINDS = ("rad", "rad/s", "s", "A", "V", "N*m", "m", "m/s", "N", "kg", "N/m", "N*s/m")
 _COMMON = {kind: (kind, 1.0) for kind in _KINDS} | {
     "deg": ("rad", math.pi / 180),
@@ -100,7 +100,7 @@ _COMMON = {kind: (kind, 1.0) for kind in _KINDS} | {
 
 
 def unit_of_factor(si: str, size: float) -> str:
-    """Return the common unit of which one has `size` units of `si`; empty if there is none."""
+    """Return the common unit that equals `size` times the unit `si`; empty if there is none."""
     pairs = _COMMON.items()
     return next((n for n, x in pairs if x[0] == si and math.isclose(x[1], size)), "")
 
@@ -109,9 +109,9 @@ _UNIT_OF_HEAD = re.compile(r".*(?:[\[(]\s*([A-Za-z*/]+)\s*[\])]|[\s_/]([A-Za-z*/
 
 
 def other_unit(head: str, unit: str) -> str:
-    """Return the unit with which a head ends, if it is another one of the same quantity as `unit`.
+    """Return the unit at the end of a column head if it differs from `unit` in its factor only.
 
-    Examples of heads are `w [rpm]`, `w (rpm)`, `w_rpm` and `w / rpm`.  Only common units are known.
+    Examples of heads are `w [rpm]`, `w (rpm)`, `w_rpm` and `w / rpm`; units must be in `_COMMON`.
     """
     match = _UNIT_OF_HEAD.fullmatch(head)
     said = next(filter(None, match.groups()), "") if match else ""
@@ -119,7 +119,7 @@ def other_unit(head: str, unit: str) -> str:
     return said if written and meant and written[0] == meant[0] and written != meant else ""
 
 
-# Coherent SI units for display; a unit of another kind is shown as a product of kg, m, s and A.
+# SI units for display.  Units of other dimensions are shown as products of kg, m, s and A.
 _COHERENT = (
     "m", "m**2", "m**3", "kg", "s", "N", "Pa", "N*m", "W", "A", "V", "ohm", "H", "rad/s", "kg/m**3",
     "kg*m**2", "K", "N/m", "N*s/m",
@@ -127,7 +127,7 @@ _COHERENT = (
 
 
 def coherent(unit: str) -> tuple[str, float]:
-    """Return the SI unit of a `unit` of any kind, and the factor to it; raises `ValueError`."""
+    """Return the SI unit for a `unit` of any dimension, and the factor; raises `ValueError`."""
     if unit in ("1", *_COHERENT):
         return unit, 1.0
     try:
@@ -135,7 +135,7 @@ def coherent(unit: str) -> tuple[str, float]:
             raise ValueError(unit)
         quantity = _quantity(1.0, unit)
         base, nothing = quantity.to_base_units(), _quantity(0.0, unit).to_base_units()
-    except Exception:  # pint raises many kinds for malformed text
+    except Exception:  # pint raises many types of exceptions for malformed text
         message = f"unit '{shortened(unit)}' is not known; write for example m, mm, GPa or kg/m**3"
         raise ValueError(message) from None
     if nothing.magnitude != 0.0:
@@ -154,14 +154,14 @@ def _quantity(value: float, unit: str) -> Any:
 
 
 def _same_base(quantity: Any, other: Any) -> bool:
-    """Return whether two quantities are of one kind; angles and counts are distinguished."""
+    """Return whether two quantities have the same base units; angles and counts differ."""
     return bool(quantity.to_base_units().units == other.to_base_units().units)
 
 
-MAX_FACTOR = 1e30  # a larger factor between two units is a mistake
-_COUNT = re.compile(r"counts?\s*/\s*(\d{1,9})")  # a count of an encoder, over the counts of a turn
+MAX_FACTOR = 1e30  # upper limit of a factor to SI, and of its inverse
+_COUNT = re.compile(r"counts?\s*/\s*(\d{1,9})")  # encoder: counts per revolution
 _COUNT_OF_LENGTH = re.compile(r"counts?\s*/\s*\(\s*([1-9]\d*\.?\d*)\s*/\s*(\w+)\s*\)")  # on a scale
-_PERCENT = re.compile(r"%\s*of\s*(\d{0,9}\.?\d{1,9})\s*([^%]+)")  # % of a rated torque or current
+_PERCENT = re.compile(r"%\s*of\s*(\d{0,9}\.?\d{1,9})\s*([^%]+)")  # of a rated torque or current
 _POWER = re.compile(
     r"(\*\*|\^)\s*\(?\s*[-+]?\s*\d{1,2}(\.\d{1,3})?\s*\)?"
     r"|[\u207a\u207b]?[\u00b2\u00b3\u2070\u2074-\u2079]|\s(squared|cubed)\b"
@@ -171,9 +171,9 @@ _COMPUTED = re.compile(r"#\s*#|\*\*|\^|(?<![^\W\d])(\d\d|[02-9])|1\s*#")
 
 
 def _written_as_a_unit(unit: str) -> bool:
-    """Return whether a text consists of names with one small power each, and no number but 1.
+    """Return whether a text has only names with at most one small power each, and the number 1.
 
-    Pint gets no other texts, as it would compute `9**9**9`, and ignores comments and quotes.
+    Pint gets no other text: it would compute `9**9**9`, and ignore comments and quotes.
     """
     return (
         len(unit) <= MAX_VALUE_LETTERS

@@ -215,7 +215,7 @@ def test_all_mistakes_are_named_at_once_in_plain_words() -> None:
         "parameters: give a prior, a number or 'nominal' for each name, not list",
         "name: give a text, not bytes",
     ]
-    assert message(bd.MotorShaft, i_m="x", stribeck=3).count(" cannot be this") == 2
+    assert message(bd.MotorShaft, i_m="x", stribeck=3).count(" is refused: ") == 2
     assert message(bd.compare, runs=["a", 3]) == "runs, number 2: give a Run or a path, not int"
     assert "an object that has say and update" in message(two().identify, report=print)
     assert "signals" in message(bd.respond, **RESPONSE | {"signals": []})

@@ -35,7 +35,7 @@ def test_a_log_density_at_values_that_do_not_fit_the_unknowns_is_refused() -> No
         two().log_density({"k_q": 0.3, "t_f": "much"})
     places = [problem.place for problem in error.value.problems]
     assert places == ["values.k_q", "values.k_s", "values.t_f"]
-    with pytest.raises(bd.InputError, match="and equally many"):
+    with pytest.raises(bd.InputError, match="one length for all series"):
         two().log_density({"k_s": [0.3, 0.31], "t_f": [0.1, 0.1, 0.1]})
 
 
