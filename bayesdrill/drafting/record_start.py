@@ -45,7 +45,7 @@ def guess_start(
     t = segment.t
     begin, why, time = None, "", None
     if segment.is_cut:
-        begin, why = float(t[0]), "the longest part with increasing times and finite values"
+        begin, why = float(t[0]), "the longest part with increasing times and no infinite value"
     if measured and inputs_begin is not None and inputs_begin > t[0]:
         t = t[t >= inputs_begin]
         begin, why = float(t[0]), "the window begins at the first sample of the inputs"
@@ -64,7 +64,9 @@ def guess_start(
         begin, why = _release(float(t[0]), rest, segment.dt, driven=driven)
     elif begin is None and driven and not measured:
         begin, why, time = _switching_on(t, segment.dt)
-    doubts = [] if time is None else [f"the record begins at {t[0]:.6g} s: taken as the start"]
+    doubts = (
+        [] if time is None else [f"the start is taken at the begin of the record, {t[0]:.6g} s"]
+    )
     state = ""
     if moving and measured and _begins_steadily(roles):
         state = "steady"

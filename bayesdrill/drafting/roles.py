@@ -84,7 +84,7 @@ def assign_roles(
             doubt = f"in their units {sources} turn as {abs(ratio):.4g}:1; check units and gear"
     elif math.isnan(ratio):
         doubt = "no two columns show the gear, so it is taken as 1:1"
-        doubt += ". The motor's parameters then include the gear. Use `--gear 14` for 14:1"
+        doubt += ". The motor's parameters then refer to the shaft. Use `--gear 14` for 14:1"
     else:
         value = abs(ratio)
         doubt = f"the gear ratio is not stated; {sources} turn as {value:.5g}:1"
@@ -142,7 +142,7 @@ def _inputs(
         why = "is a torque, but does not say whether it acts on rotor 1"
         unused |= dict.fromkeys(unlocated, why)
         if loads := [torque for torque in torques if torque.location == ROTOR]:
-            doubt = "taken as the load on rotor 1, positive against the motion; check its sign"
+            doubt = "taken as the load on rotor 1; it acts against positive speed: check its sign"
             inputs["t_1"] = _first(loads, "load", unused).revised(doubt=doubt)
     if "w_2" in rig.inputs:
         imposed = [channels.pop(name) for name in IMPOSED if name in channels]

@@ -1,4 +1,4 @@
-"""Define an experiment: a record in SI with inputs and initial state, which is checked only once."""
+"""Define an experiment: a record in SI with its inputs and initial state, checked only once."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ class Experiment:
     """An experiment holds a record in SI, its inputs and its start.
 
     Times `t (T,)` are the increasing times of all clocks. Signals `y (T, K)` have a column for each
-    channel, with NaN if a sample is missing. Inputs are `constant`, or a measured `series (T,)` with
-    a first- or zero-order hold. `start` has the states at `t_start <= t[0]`; missing states are zero.
+    channel, with NaN if a sample is missing. Inputs are `constant`, or a measured `series (T,)`
+    with a first- or zero-order hold. `start` has the states at `t_start <= t[0]`, others are zero.
     `told` lists changes that were made to numbers of the files, and `odd` anomalies. Samples in
     `held_out (T, K)`, which is NaN elsewhere, do not enter the likelihood. `input_steps` has the
     median step [s] of each series; the default is `dt`.
