@@ -32,7 +32,7 @@ from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.roles import GEAR_POWERS
 from bayesdrill.rig.models.train import LINEAR
 
-SAME_CONSTANT = 0.02  # relative difference below which a sheet rounds both from one value
+SAME_CONSTANT = 0.02  # relative difference of constants that may be one value, rounded in a sheet
 SHEET_SD = 1.0  # prior sd of the logarithm of a parameter in a data sheet
 MAX_UNUSED = 20  # largest number of lines on unused columns in the terminal
 
@@ -309,7 +309,7 @@ def guess(
     sheet: Source | None = None,
     describe: Callable[[Iterable[Finding]], Sequence[str]] = lambda findings: (),
 ) -> Guess:
-    """Guess a config for record files that will be saved at `target`; raises `InputError`.
+    """Guess a config, to be saved at `target`, for record files; raises `InputError`.
 
     `sheet` is a data sheet, and `describe` turns findings on the record into sentences.
     """
@@ -350,7 +350,7 @@ def _findings(
     describe: Callable[[Iterable[Finding]], Sequence[str]],
     inputs: Collection[str],
 ) -> tuple[str, ...]:
-    """Return the findings on records that need no fit, as sentences that begin with experiments.
+    """Return the findings on records that need no fit, as sentences that name the experiments.
 
     Findings on an input that is not among `inputs` are skipped, as the draft sets it to a number.
     """

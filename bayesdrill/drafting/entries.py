@@ -27,7 +27,7 @@ LINE_LENGTH = 110
 _PLAIN = re.compile(r"(?![-\d%/]|\.(?!\.?/))[\w./%°-]+(?: [\w./%°-]+)*", re.ASCII)
 _FIXED_BLANK = "\x1f"  # stands for a blank in code, at which no line may break
 _YAML_WORDS = {"yes", "no", "on", "off", "true", "false", "null", "y", "n"}
-NOISE_PRIOR_FACTOR = 10.0  # from the noise of neighbouring samples to both ends of sigma's prior
+NOISE_PRIOR_FACTOR = 10.0  # factor from the noise between samples to both ends of sigma's prior
 SUPPLY_SD = 0.02  # prior sd of a voltage's offset, relative to the largest voltage
 MAX_NAMED_GLITCHES = 8  # largest number of glitches whose times a comment lists
 HOUSE_INPUTS = ("v", "t_m", "w_2", "t_1")  # of the built-in rigs, in the order of a draft
@@ -323,7 +323,7 @@ def _opened_input(context: DraftContext, name: str, sensor: Sensor) -> str:
 
 
 def _column_entries(context: DraftContext, sensor: Sensor) -> list[str]:
-    """Return the entries for column and unit, and in another file also for this file."""
+    """Return the entries for column and unit; for a column in another file, also file and time."""
     lead, entries = context.lead, [address(sensor.column), f"unit: {scalar(sensor.unit)}"]
     if not sensor.column.file:
         return entries

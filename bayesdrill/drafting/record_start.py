@@ -64,9 +64,7 @@ def guess_start(
         begin, why = _release(float(t[0]), rest, segment.dt, driven=driven)
     elif begin is None and driven and not measured:
         begin, why, time = _switching_on(t, segment.dt)
-    doubts = (
-        [] if time is None else [f"the start is taken at the begin of the record, {t[0]:.6g} s"]
-    )
+    doubts = [] if time is None else [f"the start is taken at the first sample, {t[0]:.6g} s"]
     state = ""
     if moving and measured and _begins_steadily(roles):
         state = "steady"

@@ -48,7 +48,7 @@ class Timing:
 
 
 def find_time(columns: Sequence[FileColumn], rate: float = 0.0, given: float = 0.0) -> Timing:
-    """Return the timing from the first known of `given`, a time column, `rate`, 100 Hz [Hz]."""
+    """Return the timing from the first known of `given` [Hz], a time column, `rate` [Hz], 100 Hz."""
     indices = np.arange(len(columns[0].values))
     if given:
         return Timing(indices / given, None, "s", "as given")
@@ -216,7 +216,7 @@ def step(values: Array) -> float:
 def counted_unit(angle: Array) -> str:
     """Return the unit in which one turn has a round number of encoder steps; else an empty text."""
     count = step(angle)
-    if count == 0 or abs(math.log10(count) - round(math.log10(count))) < 1e-6:  # rounded
+    if count == 0 or abs(math.log10(count) - round(math.log10(count))) < 1e-6:  # rounded numbers
         return ""
     if not np.allclose(angle / count, np.round(angle / count), atol=0.1, rtol=1e-4):
         return ""
@@ -329,7 +329,7 @@ def read_sensors(
     return [_without_swings(sensor, sensors, segment) for sensor in sensors], unused
 
 
-MAX_DEPARTURE = 1.5  # of another channel during a glitch, relative to its typical departure
+MAX_DEPARTURE = 1.5  # largest departure of another channel during a glitch / typical departure
 
 
 def _without_swings(sensor: Sensor, others: Sequence[Sensor], segment: Segment) -> Sensor:

@@ -84,7 +84,7 @@ def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
 
 
 def _names(moving: Sequence[Sensor]) -> dict[int, str]:
-    """Return the name of the inertia for the id of each sensor: as given, or from the location."""
+    """Map the id of each sensor to the name of its inertia: as given, or from the location."""
     names, counts = dict[int, str](), Counter[str]()
     for sensor in moving:
         match = _symbol(sensor)

@@ -126,12 +126,12 @@ def hold_input(t: Array, clock: Array, values: Array, *, first_order: bool) -> A
 
 TAPS_PER_FACTOR = 20  # (length of the filter - 1) / factor
 CUTOFF_SHARE = 0.8  # frequency of half the amplitude / new Nyquist frequency
-KAISER_BETA = 8.0  # gain 1 (to 1e-5) below 0.5 and < 1e-4 above 1.2 new Nyquist frequencies
+KAISER_BETA = 8.0  # gain 1 (to 1e-5) below 0.5, < 1e-4 above 1.2 times the new Nyquist frequency
 
 
 @dataclass(frozen=True, slots=True)
 class DecimatedSignals:
-    """Decimated signals are `y (n, K)` at `samples (n,)`; `removed (K,)` is the sd of the rest."""
+    """Decimated signals are `y (n, K)` at `samples (n,)`; `removed (K,)`: sds of what is lost."""
 
     y: Array
     samples: Indices

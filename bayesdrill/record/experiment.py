@@ -14,7 +14,7 @@ from bayesdrill.basics.errors import InputError, Issue, count_noun
 from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.basics.units import SECOND, Unit
 
-EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # range of day numbers that Excel and MATLAB use today
+EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # range of Excel's and MATLAB's numbers for recent days
 MAX_REPEATED_TIMES = 0.1  # fraction of zero steps above which times have too few digits
 MAX_VALUE = 1e40  # allows 9.91e37, SCPI's NaN, which may be masked as a glitch
 STEP_TOLERANCE = 1e-3  # relative deviation of a time step from the median one
@@ -43,7 +43,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """The origin of a record is its `files`; `time` and `inputs` have units for display."""
+    """A record is read from `files`; `time` and `inputs` hold the units for display."""
 
     files: tuple[str, ...] = ()
     time: Unit = SECOND
@@ -154,7 +154,7 @@ class Experiment:
 
 
 def is_even(t: Array) -> bool:
-    """Return whether `t (T,)` has equal steps, or is on a grid, within `STEP_TOLERANCE` steps."""
+    """Return whether `t (T,)` has equal steps, or is on an even grid, within `STEP_TOLERANCE` steps."""
     if len(t) < 3:
         return True
     step = (t[-1] - t[0]) / (len(t) - 1)
@@ -171,7 +171,7 @@ def is_even(t: Array) -> bool:
 def with_states(
     experiment: Experiment, states: Sequence[str], *, alone: bool = False
 ) -> Experiment:
-    """Return the experiment with a channel of zeros for each state, after its own or `alone`."""
+    """Return the experiment with a zero channel for each state added to its channels, or `alone`."""
     shown = tuple(
         Channel(name=f"state {name}", weights={name: 1.0}, unit="", latex="", latex_unit="")
         for name in states
@@ -183,7 +183,7 @@ def with_states(
 
 
 def channels_first(experiment: Experiment, states: Sequence[str], shown: Array) -> Array:
-    """Return channels without sensor errors, computed from states `shown (..., X)`, and `shown`.
+    """Return error-free channels, computed from the states `shown (..., X)`, followed by `shown`.
 
     A kernel that computes states thus serves all channels.
     """
@@ -216,7 +216,7 @@ def check_series(
 ) -> list[Issue]:
     """Check that numbers are present and not too large, and that they vary if `varying` is true.
 
-    NaN is allowed if `missing`. Numbers are too large if their fourth powers are not finite.
+    NaN is allowed if `missing`. The limit `MAX_VALUE` keeps fourth powers finite.
     Messages begin with `what`; `instead` is an alternative to their advice.
     """
     bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))

@@ -190,7 +190,7 @@ def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
 
 
 def _unfit_array(name: str, file: zipfile.ZipFile, member: str) -> str:
-    """Return why an array cannot be read, from its header; empty for plain numbers."""
+    """Read an array's header, and return why the array cannot be read; empty for plain numbers."""
     with file.open(member) as stream:
         version: Any = np.lib.format.read_magic(stream)
         if version not in _HEADERS:

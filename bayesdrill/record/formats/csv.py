@@ -211,7 +211,7 @@ def find_dialect(texts: Sequence[str], options: CsvOptions) -> Dialect:
 
 
 def _quoted_commas(sample: Sequence[str]) -> bool:
-    """Return whether quoted decimal commas as in `"0,05"` occur; `"1,234"` could be 1234."""
+    """Return whether quoted decimal commas as in `"0,05"` occur; `"1,234"` does not count."""
     cells = re.findall(r'"([-+]?\d+,\d+)(?:[eE][-+]?\d+)?"', "\n".join(sample))
     return not all(re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", cell) for cell in cells)
 
@@ -419,7 +419,7 @@ def check_options(path: Path, options: CsvOptions) -> None:
 
 
 def _table_start(lines: TextLines, dialect: Dialect) -> int:
-    """Return the index of the line of column names, below a recorder's settings; or 0."""
+    """Return the index of the line of column names below a recorder's settings, or 0."""
     width, names = typical_width(lines.texts, dialect), -1
     for at, line in enumerate(lines.texts[:_LONGEST_HEAD]):
         (numbers, words), row = _census(line, dialect), split(line, dialect.separator)
