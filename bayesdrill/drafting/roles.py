@@ -178,7 +178,7 @@ def _first(sensors: Sequence[Sensor], what: str, unused: dict[str, str]) -> Sens
 
 
 def _with_locations(turning: Sequence[Sensor]) -> list[Sensor]:
-    """Return sensors with locations; the default is an end without a sensor, or else the gearbox."""
+    """Return sensors with locations; default: an end without a sensor, or else the gearbox."""
     located = {sensor.location for sensor in turning}
     rotor, upper, twist = ROTOR in located, bool(located & {GEARBOX, MOTOR}), TWIST in located
     if rotor and upper:

@@ -48,7 +48,7 @@ class Timing:
 
 
 def find_time(columns: Sequence[FileColumn], rate: float = 0.0, given: float = 0.0) -> Timing:
-    """Return the timing from the first known of `given` [Hz], a time column, `rate` [Hz], 100 Hz."""
+    """Return the timing from the first known of `given` [Hz], time column, `rate` [Hz], 100 Hz."""
     indices = np.arange(len(columns[0].values))
     if given:
         return Timing(indices / given, None, "s", "as given")

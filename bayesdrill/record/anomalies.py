@@ -39,9 +39,7 @@ MIN_STUCK_RUN = 10  # least number of equal samples
 MAX_ZERO_STEPS = 0.05  # largest fraction of zero steps in a channel that has noise
 MIN_CLIPPED_RUN = 3  # least number of samples of a run at an end of the range
 MIN_CLIPPED_SAMPLES = 10  # least number of samples of all such runs
-MIN_CLIPPED_STEP = (
-    2.5  # least step before a run, in units of the last digit; peaks have smaller steps
-)
+MIN_CLIPPED_STEP = 2.5  # least step before a run / last digit; steps are smaller at a peak
 WRAP_MARGIN = 0.1  # in periods: a jump this near to half a period has no clear direction
 FILTER_REACH = 3  # samples on either side that a filter may use
 STRETCH = 1 << 20  # number of samples in a part that is searched at once
@@ -255,9 +253,7 @@ def _is_spike(x: Array, away: Array, at: tuple[int, int, int], longest: int) -> 
     )
 
 
-MAX_NOISE_RATIO = (
-    0.02  # largest ratio of a speed's residual sds, predicted with / without angle steps
-)
+MAX_NOISE_RATIO = 0.02  # largest ratio of a speed's residual sds with / without angle steps
 MIN_DIFFERENCED_SAMPLES = 50  # fewer samples do not show differences
 MAX_FILTER_POLE = 0.95  # largest weight of a filter's last value; 1 would be an integrator
 

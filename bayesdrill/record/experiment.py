@@ -154,7 +154,7 @@ class Experiment:
 
 
 def is_even(t: Array) -> bool:
-    """Return whether `t (T,)` has equal steps, or is on an even grid, within `STEP_TOLERANCE` steps."""
+    """Return whether `t (T,)` has equal steps or is on a grid, within `STEP_TOLERANCE` steps."""
     if len(t) < 3:
         return True
     step = (t[-1] - t[0]) / (len(t) - 1)
@@ -171,7 +171,7 @@ def is_even(t: Array) -> bool:
 def with_states(
     experiment: Experiment, states: Sequence[str], *, alone: bool = False
 ) -> Experiment:
-    """Return the experiment with a zero channel for each state added to its channels, or `alone`."""
+    """Return the experiment with a zero channel for each state, added to others or `alone`."""
     shown = tuple(
         Channel(name=f"state {name}", weights={name: 1.0}, unit="", latex="", latex_unit="")
         for name in states
