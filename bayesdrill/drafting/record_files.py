@@ -244,7 +244,7 @@ def _join(first: RecordFile, companions: Sequence[RecordFile], given: GivenFacts
         for file in (first, other):
             if file.time.column is None and not np.array_equal(t, other.time.t):
                 message = "has no column of times, so it cannot be joined with another file"
-                raise InputError.at(str(file.path), f"{message}. Add one")
+                raise InputError.at(str(file.path), f"{message}. Add such a column")
         u, s = first.segment.t, other.segment.t
         if np.sum((u >= s[0]) & (u <= s[-1])) < MIN_SAMPLES:
             raise InputError.at(

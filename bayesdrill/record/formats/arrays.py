@@ -117,7 +117,7 @@ def datasets(
                 else:
                     table.unread.append(name)
             elif (address := h5py.h5o.get_info(item.id).addr) in groups:
-                table.ignored[name] = f"is a second name of the same {called}; give the first"
+                table.ignored[name] = f"is a second name of the same {called}; give the first name"
             else:
                 groups.add(address)
                 yield from below(item, f"{name}{separator}")
@@ -194,7 +194,7 @@ def _unfit_array(name: str, file: zipfile.ZipFile, member: str) -> str:
     with file.open(member) as stream:
         version: Any = np.lib.format.read_magic(stream)
         if version not in _HEADERS:
-            return "has names of fields beyond Latin letters; save plain arrays"
+            return "has field names with letters beyond Latin-1; save plain arrays"
         shape, _, dtype = _HEADERS[version](stream)
     if dtype.hasobject:
         why = "holds Python objects, which are never opened, as they can run code"

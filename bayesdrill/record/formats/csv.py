@@ -71,7 +71,7 @@ _KINDS: tuple[tuple[str, str], ...] = (
     (rf"{_NUMBER}\s*(#|%|//).+", "a comment needs a line of its own: remove it"),
     (
         rf"{_NUMBER}\s*%",
-        "percent signs are not read: remove them, and give the unit of a percent",
+        "percent signs are not read: remove them, and give a unit such as % of 1.2 A",
     ),
     (
         rf"{_NUMBER}\s*[a-zA-Z\u00b0\u00b5\u03bc][^\s\d]*",
@@ -350,7 +350,7 @@ def _cell_advice(bad: _Faults, dialect: Dialect) -> str:
     if any("," in problem.message for problem in bad.first) and dialect.decimal == ".":
         return f"{advice}; if the comma is the decimal mark set decimal: ','"
     if dialect.decimal == "," and any("." in problem.message for problem in bad.first):
-        comma = "numbers are read with a decimal comma, set decimal: '.' if they have none"
+        comma = "numbers are read with a decimal comma; if they have a point set decimal: '.'"
         return f"{advice}; {comma}"
     return f"{advice}; to skip text above the numbers set skip_rows and header: false"
 

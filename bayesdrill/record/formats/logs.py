@@ -76,7 +76,7 @@ def merged_table(
     union = _union([signal[:, 0] for signal in signals.values()])
     if 8.0 * len(union) * (len(signals) + 1) > LARGEST_FILE:
         size = f"has {len(signals)} signals at {len(union)} times, too many for one table"
-        raise InputError.at(str(path), f"{size}; save those of the rig alone")
+        raise InputError.at(str(path), f"{size}; save only the rig's signals")
     variables = {TIME: union}
     for name, signal in signals.items():
         column = np.full(len(union), np.nan)
