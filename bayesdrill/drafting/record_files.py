@@ -276,7 +276,7 @@ def _on_own_clocks(record: RecordFile) -> RecordFile:
 
 
 def _at(t: Array, file: RecordFile, column: FileColumn) -> Array:
-    """Interpolate a column of another file at times `t (T,)`; NaN outside that file's times."""
+    """Return a column of another file, interpolated at `t (T,)`; NaN outside that file's times."""
     if np.array_equal(t, file.time.t):
         return column.values
     values = column.values[file.segment.rows]
