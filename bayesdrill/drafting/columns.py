@@ -1,4 +1,4 @@
-"""Read the columns of a file, and the kind, location and unit in their headers (many languages)."""
+"""Read the columns of a file, and find kind, location and unit in headers of many languages."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.output_files import MOST_GUESSED
 from bayesdrill.record.formats.table import RecordTable
 
-MAX_LETTERS = 200  # longer headers and units are not read
+MAX_LETTERS = 200  # of a header or a unit; a longer text is not interpreted
 ROTOR, GEARBOX, MOTOR, TWIST = "rotor 1", "gearbox", "motor", "twist"
 
-# Spellings in headers, without blanks and in lower case, by kind and unit; the first unit is in SI.
+# Lower-case spellings of units in headers, by kind and unit; the first unit of a kind is in SI.
 _UNITS_OF_KIND = {
     "angle": {
         "rad": "rad radian radians",
@@ -88,31 +88,31 @@ _GREEK = str.maketrans({"θ": "theta ", "φ": "phi ", "ϕ": "phi ", "ω": "omega
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """The meaning of a column is that of its header; entries are empty if the header has none."""
+    """The meaning of a column is read from its header; a field is empty if the header lacks it."""
 
     kind: str = ""
     location: str = ""
     unit: str = ""
     is_setpoint: bool = False  # a controller's set point, not a measurement
-    unknown_unit: str = ""  # text in the place of a unit
-    symbol: str = ""  # of a state
+    unknown_unit: str = ""  # text where the header has its unit, if no such unit is known
+    symbol: str = ""  # symbol of a state or input, if the header is one
     kind_word: str = ""  # the word that shows the kind
-    is_reversed: bool = False  # positive values are negative ones of the state
-    is_given: bool = False  # by the user, not by the header
+    is_reversed: bool = False  # the column is the state times -1
+    is_given: bool = False  # stated by the user in `--columns`, not read from the header
 
 
-_ALIKE = {"position": "angle", "velocity": "speed", "force": "torque"}  # kinds that share words
+_ALIKE = {"position": "angle", "velocity": "speed", "force": "torque"}  # kinds with the same words
 
 
 def contradiction(meaning: Meaning) -> str:
-    """Return how the name of a column contradicts its unit; empty if it does not."""
+    """Return a text if the name of a column contradicts its unit; empty if both agree."""
     by_name = _KIND_WORDS.get(meaning.kind_word, "") if len(meaning.kind_word) > 1 else ""
     kind = kind_of(meaning.unit) if meaning.unit and not meaning.is_given else ""
     if not by_name or not kind or _ALIKE.get(by_name, by_name) == _ALIKE.get(kind, kind):
         return ""
     article = "an" if kind == "angle" else "a"
     names = f"its name says {by_name}, and its unit {meaning.unit} is that of {article} {kind}"
-    return f"{names}: taken as the unit says; one of the two is wrong"
+    return f"{names}: the unit is used, but name or unit is wrong"
 
 
 STATES = {
@@ -125,7 +125,7 @@ STATES = {
 
 
 def parse_head(head: str, unit_below: str = "") -> Meaning:
-    """Return the meaning of a header and of the unit in a row below it; a long header has none."""
+    """Return the meaning of a header, with the unit in the row below; empty for a long header."""
     if max(len(head), len(unit_below)) > MAX_LETTERS:
         return Meaning()
     base, unit, unknown_unit = _split_unit(head)
@@ -151,7 +151,7 @@ def parse_head(head: str, unit_below: str = "") -> Meaning:
 
 
 def parse_unit(text: str) -> str:
-    """Return the unit as configs write it; empty if no rig has it."""
+    """Return the unit as it is written in configs; empty if no quantity of a rig has this unit."""
     if counts := _COUNTS_PER.fullmatch(text.strip()):
         turn = _UNIT_OF.get(counts[2]) == "revolution"
         text = f"count/{counts[1]}" if turn else f"count/({counts[1]}/{counts[2]})"
@@ -162,7 +162,7 @@ def parse_unit(text: str) -> str:
 
 
 def kind_of(unit: str) -> str:
-    """Return the kind of quantity that has this unit; empty for other units."""
+    """Return the kind of quantity that has this unit; empty for an unknown unit."""
     if unit in _KIND_OF:
         return _KIND_OF[unit]
     for kind, si in SI.items():
@@ -173,7 +173,7 @@ def kind_of(unit: str) -> str:
 
 
 def _split_unit(head: str) -> tuple[str, str, str]:
-    """Return name, unit and unknown unit of headers: `n [rpm]`, `w (rad/s)`, `n / rpm`, `n in rpm`."""
+    """Split `n [rpm]`, `w (rad/s)`, `n / rpm` or `n in rpm` into name, unit and unknown unit."""
     text = head.strip()
     match = re.fullmatch(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]", text)
     match = match or re.fullmatch(r"(.*?\S)(?:\s+/\s+|\s+in\s+)(\S+)", text)
@@ -194,7 +194,7 @@ def _tokens(text: str) -> list[str]:
 
 
 def _split_last_unit(tokens: list[str]) -> tuple[list[str], str]:
-    """Split a unit from `phi_deg`, `w_rad_s` or `U_V`; a single letter must fit the others' kind."""
+    """Split a unit from `phi_deg`, `w_rad_s` or `U_V`; one letter must fit the name's kind."""
     if len(tokens) < 2:
         return tokens, ""
     *others, last = tokens
@@ -209,51 +209,51 @@ def _split_last_unit(tokens: list[str]) -> tuple[list[str], str]:
 
 
 def _kind(tokens: list[str]) -> tuple[str, str]:
-    """Return the kind and the word that shows it; a single letter counts at the beginning only."""
+    """Return the kind and the word that shows it; a single letter counts only as the first word."""
     named = [(_KIND_WORDS[token], token) for token in tokens if token in _KIND_WORDS]
     turns = any(kind == "angle" for kind, _ in named)
     if turns and (tokens[0] == "d" or {"dot", "dt", "rate"} & {*tokens}):
         return "speed", f"{named[0][1]} dot"
-    if named:  # in `angular speed` or `Position velocity` the last kind is measured
+    if named:  # the last word names the quantity: `Position velocity` is a speed
         return named[-1]
     letter = tokens[0] if tokens and tokens[0] in _LETTERS else ""
     return _LETTERS.get(letter, ""), letter
 
 
-MIN_SAMPLES = 20  # shorter columns are not used
+MIN_SAMPLES = 20  # columns with fewer samples are not used
 MAX_NUMBER = 1e12  # larger numbers are not plausible
-EVEN_STEPS = 1.02  # largest over smallest step of a column that may be a time
+EVEN_STEPS = 1.02  # limit of largest step / smallest step in a column that may be a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FileColumn:
-    """A file column has `values (T,)`; `address` holds the entries that name it in a config."""
+    """A file column has `values (T,)`; `address` holds the entries that select it in a config."""
 
     name: str
     address: Mapping[str, str | int]
     values: Array
     meaning: Meaning
-    file: int = 0  # index among the files of one record; 0 is that of the channels
+    file: int = 0  # index among the files of one record; 0 is the main file
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Return a key that the column has in all records of one kind."""
+        """Return a key that is the same for this column in all records with the same columns."""
         return self.file, *self.address.items()
 
     @property
     def command(self) -> str:
-        """Return the text that names the column in `--columns`, before the `=`."""
+        """Return the text before the `=` that selects the column in `--columns`."""
         return ":".join(map(str, self.address.values()))
 
     @property
     def steps(self) -> Array:
-        """Return the steps `(T - 1,)` from each row to the next; NaN if one is no number."""
+        """Return the differences `(T - 1,)` of successive rows; NaN if a row has no number."""
         with np.errstate(all="ignore"):
             return np.diff(self.values)
 
     @property
     def counts_rows(self) -> bool:
-        """Return whether the column grows by one per row without being a time or a motion."""
+        """Return whether the column grows by one per row, and is neither a time nor a motion."""
         unnamed = not self.meaning.unit and self.meaning.kind not in ("time", "angle", "position")
         return unnamed and bool(np.all(self.steps == 1))
 
@@ -282,13 +282,13 @@ _NAMES = {**STATES, "v": ("voltage", ""), "t_1": ("torque", ROTOR), "t_m": ("tor
 # A symbol of a train has a letter for the quantity and the name of a part.
 _TRAIN_SYMBOL = re.compile(r"(theta|goal|supply|w|x|v|i|u|t|f)_([A-Za-z][A-Za-z0-9_]{0,29})")
 KIND_OF_LETTER = {
-    "goal": "angle",  # of a servo; an angle that is measured is called theta
+    "goal": "angle",  # set point of a servo; a measured angle is called theta
     "theta": "angle",
     "w": "speed",
     "x": "position",
     "v": "velocity",
     "i": "current",
-    "supply": "voltage",  # of a servo
+    "supply": "voltage",  # supply of a servo
     "u": "voltage",
     "t": "torque",
     "f": "force",
@@ -296,13 +296,13 @@ KIND_OF_LETTER = {
 
 
 def train_symbol(text: str) -> re.Match[str] | None:
-    """Match a symbol of a train: its letter and its part; None for a symbol of other rigs."""
+    """Match a train's symbol, such as `w_load`: letter and part; None for other rigs' symbols."""
     return None if text in _NAMES else _TRAIN_SYMBOL.fullmatch(text)
 
 
 @dataclass(frozen=True, slots=True)
 class NamedColumn:
-    """A named column is described by the user: a `variable` or head, and a matrix `column` from 1."""
+    """A named column is an entry of `--columns`; a matrix `variable` has a `column`, from 1."""
 
     text: str
     file: str
@@ -312,7 +312,7 @@ class NamedColumn:
 
 
 def named_column(text: str, files: Collection[str]) -> NamedColumn:
-    """Parse `data:3=theta_2 [deg]`, perhaps after one of `files` and a colon; raises `InputError`."""
+    """Parse `data:3=theta_2 [deg]`, or `a.mat:data:3=...` for a file; raises `InputError`."""
     place, _, description = text.rpartition("=")
     file = next((name for name in files if place.startswith(f"{name}:")), "")
     match = re.fullmatch(r"(.+?)(?::(\d+))?", place.removeprefix(f"{file}:").strip())
@@ -326,9 +326,9 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
     understood = meaning.symbol or {*_tokens(symbol)} <= _WORDS
     fits = understood and meaning.kind and (not (unit or written) or kind_of(unit) == meaning.kind)
     if match is None or not fits:
-        why = "names no known quantity with a unit of it" if match else "names no column"
-        known = f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}, of trains such "
-        known += "as theta_load, i_motor, goal_motor, x_cart. Encoders count in count/2800 or "
+        why = "names no known quantity, or its unit is wrong" if match else "names no column"
+        known = f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}, in trains "
+        known += "also theta_load, i_motor, x_cart and the like. Encoders count in count/2800 or "
         known += "count/(560/cm)"
         raise InputError.at("--columns", f"'{text}' {why}. Write for example {known}")
     meaning = dataclasses.replace(meaning, unit=unit, is_reversed=bool(sign), is_given=True)
@@ -338,10 +338,10 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
 def read_columns(
     table: RecordTable, named: Sequence[NamedColumn] = ()
 ) -> tuple[list[FileColumn], dict[str, str]]:
-    """Return the columns of the most frequent length, and the reasons why others are not used.
+    """Return the columns of the most frequent length, and why other columns are not used.
 
     With `named` columns, only these and the time are returned, with the given meanings. Raises
-    `InputError` if one does not exist, or if the file holds several records.
+    `InputError` if a named column does not exist, or if the file holds several records.
     """
     columns, unused = _all_columns(table), dict(table.ignored)
     if named:
@@ -359,13 +359,13 @@ def read_columns(
     for column in columns:
         if (n := len(column.values)) != length:
             count = "one value" if n == 1 else f"{n} values"
-            other = f"but the others have {length}" if lengths else f"and {length} are wanted"
+            other = f"but the others have {length}" if lengths else f"and {length} are needed"
             unused[column.name] = f"has {count}, {other}"
     return [column for column in columns if len(column.values) == length], unused
 
 
 def _all_columns(table: RecordTable) -> list[FileColumn]:
-    """Return every column of the file; in a matrix of two, an increasing first column is the time."""
+    """Return all columns; an increasing first column of a matrix with two columns is the time."""
     columns = []
     for position, (name, values) in enumerate(table.variables.items(), start=1):
         if values.ndim == 1:
@@ -386,7 +386,7 @@ def _all_columns(table: RecordTable) -> list[FileColumn]:
 def _pick(
     table: RecordTable, columns: Sequence[FileColumn], named: Sequence[NamedColumn]
 ) -> list[FileColumn]:
-    """Return the named columns with their given meanings, after the time that belongs to them."""
+    """Return the time of the named columns, then these columns with their given meanings."""
     picked = []
     for name in named:
         number = table.lines is not None and name.variable.isdecimal()
@@ -412,7 +412,7 @@ def _structure(column: FileColumn) -> str:
 
 
 def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None:
-    """Raise `InputError` if no angle and no speed changes."""
+    """Raise `InputError` if there are angles or speeds and all of them are constant."""
     moving = [c for c in columns if c.meaning.kind in MOTIONS and not c.meaning.is_setpoint]
     moving = [c for c in moving if MIN_SAMPLES <= np.isfinite(c.values).sum() <= MOST_GUESSED]
     known = [c.values[np.isfinite(c.values)] for c in moving]
@@ -423,7 +423,7 @@ def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None
 
 
 def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -> None:
-    """Raise `InputError` if several structures with a time, not named after a signal, hold records."""
+    """Raise `InputError` if several structures with a time are not named after signals."""
     columns = [column for column in columns if len(column.values) >= MIN_SAMPLES]
     times = dict.fromkeys(_structure(c) for c in columns if c.meaning.kind == "time")
     records = [name for name in times if name and parse_head(name).kind in ("", "time")]
@@ -432,15 +432,15 @@ def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -
         first = [*_motions_first(signals), *columns][0]
         raise InputError.at(
             str(table.path),
-            f"holds {len(records)} records: {', '.join(records)}. Name the columns of one, for example "
+            f"holds {len(records)} records: {', '.join(records)}. Name the columns of one record: "
             f"{_columns_option([first])} ({first.name} goes from {first.range_text})",
         )
 
 
 def _named_by_file(table: RecordTable, columns: list[FileColumn]) -> list[FileColumn]:
-    """Return the columns; a single one without a kind gets its meaning from the file's name."""
+    """Return the columns; the file's name gives the meaning of a single signal of unknown kind."""
     signals = [c for c in columns if c.meaning.kind != "time" and len(c.values) >= MIN_SAMPLES]
-    if len(signals) == 2 == len(columns) and not signals[0].meaning.kind:  # a time without a header
+    if len(signals) == 2 == len(columns) and not signals[0].meaning.kind:  # one may be the time
         signals = [column for column in signals if not column.is_even]
     named = parse_head(table.path.stem)
     if len(signals) != 1 or signals[0].meaning.kind or not named.kind:
@@ -449,7 +449,7 @@ def _named_by_file(table: RecordTable, columns: list[FileColumn]) -> list[FileCo
     return [dataclasses.replace(c, meaning=meaning) if c is signals[0] else c for c in columns]
 
 
-# Meanings of columns by kind, in an example of `--columns`; those of motion come first.
+# Descriptions of columns by kind, for examples of `--columns`; motions come first.
 _EXAMPLES = {
     "speed": "w_2 [rpm]",
     "angle": "theta_2 [deg]",
@@ -462,14 +462,14 @@ _EXAMPLES = {
 
 
 def _motions_first(columns: Iterable[FileColumn]) -> list[FileColumn]:
-    """Return columns that may be examples, measured motions first and set points last."""
+    """Return the columns that can be examples, measured motions first and set points last."""
     order = [*_EXAMPLES]
     known = (column for column in columns if column.meaning.kind in order)
     return sorted(known, key=lambda c: (c.meaning.is_setpoint, order.index(c.meaning.kind)))
 
 
 def _columns_option(columns: Sequence[FileColumn]) -> str:
-    """Return an example of `--columns`: a time, and a column of motion if there is any."""
+    """Return an example of `--columns`: a time and another column, if possible a motion."""
     times = [column for column in columns if column.is_even][:1]
     others = _motions_first(column for column in columns if column not in times)
     typed = [(column, "t [s]") for column in times]
@@ -478,7 +478,7 @@ def _columns_option(columns: Sequence[FileColumn]) -> str:
 
 
 def grouped(unused: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return names of unused columns by reason, the reasons of most columns last."""
+    """Return pairs of column names and their common reason, the largest group last."""
     whys = dict.fromkeys(unused.values())
     pairs = [([name for name, reason in unused.items() if reason == why], why) for why in whys]
     return [("; ".join(names), why) for names, why in sorted(pairs, key=lambda pair: len(pair[0]))]
@@ -502,7 +502,7 @@ def _meaning(name: str, unit_below: str) -> Meaning:
         return meaning
     return dataclasses.replace(
         meaning,
-        kind=meaning.kind or (whole.kind if len(whole.kind_word) > 1 else ""),  # `T1.x` is no time
+        kind=meaning.kind or (whole.kind if len(whole.kind_word) > 1 else ""),  # `T1` is no time
         location=meaning.location or whole.location,
         is_setpoint=meaning.is_setpoint or whole.is_setpoint,
         kind_word=meaning.kind_word or whole.kind_word,
@@ -510,7 +510,7 @@ def _meaning(name: str, unit_below: str) -> Meaning:
 
 
 def _number(table: RecordTable, name: str, position: int) -> int | None:
-    """Return the number of a text column without a unique header; None if its name addresses it."""
+    """Return a column's number if a text table has no unique header for the column; else None."""
     if table.lines is None:
         return None
     if match := re.fullmatch(r"\(column (\d+)\)", name):

@@ -32,9 +32,9 @@ from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.roles import GEAR_POWERS
 from bayesdrill.rig.models.train import LINEAR
 
-SAME_CONSTANT = 0.02  # relative difference of constants that a sheet rounds from one value
+SAME_CONSTANT = 0.02  # relative difference of constants that may be one value, rounded in a sheet
 SHEET_SD = 1.0  # prior sd of the logarithm of a parameter in a data sheet
-MAX_UNUSED = 20  # unused columns that a terminal lists
+MAX_UNUSED = 20  # largest number of lines on unused columns in the terminal
 
 
 def config_text(
@@ -44,10 +44,10 @@ def config_text(
     findings: Sequence[str] = (),
     tied: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
-    """Write the whole config, called `name`; `sheet` has the entries of `nominal:` in a data sheet.
+    """Return a config called `name`; `sheet` has the entries of `nominal:` from a data sheet.
 
-    `findings` are sentences on the record, each of which is to be reviewed.  `tied` has parameters
-    with the names of others to which they are equal.
+    `findings` are sentences on the record that the user has to review.  `tied` maps a parameter to
+    the parameter to which it is equal.
     """
     assigned, start, nominal = context.lead.roles, context.starts[context.lead.label], []
     files = [file for record in context.records for file in (record, *record.companions)]
@@ -62,7 +62,7 @@ def config_text(
         model = [f"model: {{name: {assigned.rig.name}}}"]
     if sheet:
         rows = [f"  {name}: {json.dumps(x)}" for name, x in {"tolerance": 0.2, **sheet}.items()]
-        head = comment("Values of the data sheet; `tolerance` is their relative error at most.")
+        head = comment("Values of the data sheet; `tolerance` is their largest relative error.")
         nominal = [*head, "nominal:", *rows, ""]
     lines = [
         *comment(
@@ -99,7 +99,7 @@ def _initial(start: StartGuess) -> list[str]:
 
 
 def _experiments(context: DraftContext) -> list[str]:
-    lines = comment("Each experiment has its file and its own entries; all others are as above.")
+    lines = comment("Each experiment has its file and its own entries; other entries are as above.")
     lines.append("experiments:")
     for record in context.records:
         lines += _experiment(context, record)
@@ -145,7 +145,7 @@ def _flow(section: str, items: Mapping[str, str]) -> str:
 def _parameters(
     context: DraftContext, sheet: Mapping[str, Any], tied: Mapping[str, str]
 ) -> list[str]:
-    """Write priors: relative to the data sheet's values, or with bounds by the record's scales."""
+    """Write priors relative to the data sheet, or with bounds from the magnitudes in the record."""
     both_ways = any(roles.turns_both_ways(record.roles) for record in context.records)
     (scales, why), gear = _prior_scales(context), context.lead.roles.gear
     rig = with_named(context.lead.roles.rig, sheet)
@@ -164,11 +164,11 @@ def _parameters(
         if name in held:
             lines += [*review([trains.HELD_SCALE], 2), f"  {name}: 1.0"]
         elif both_ways and name in {inertia.friction for inertia in driven}:
-            doubt = "it keeps its sign, but this rig turns both ways. So it is held at zero"
+            doubt = "this friction never changes sign, but the rig turns both ways: held at zero"
             doubt += ", and c_m stands for all friction"
             lines += [*review([doubt], 2), f"  {name}: 0.0"]
         elif name in tied:
-            doubt = f"the sheet gives {name} and {tied[name]} as one constant in SI: they are tied"
+            doubt = f"{name} and {tied[name]} are equal in the sheet (in SI), so they are tied"
             lines += [*review([doubt], 2), f"  {name}: {{tie: {tied[name]}}}"]
         elif name in sheet and math.isinf(symbol.at_most):
             prior = f"{{prior: log_normal, median: 1, sd_log: {SHEET_SD:g}, relative: true}}"
@@ -191,15 +191,15 @@ def _parameters(
 
 PriorEnds = Mapping[str, tuple[float, float]]
 DEFAULT_VOLTAGE, DEFAULT_SPEED, DEFAULT_RESISTANCE = 12.0, 100.0, 2.0  # V, rad/s at the motor, ohm
-WIDENING = 10.0  # factor at both ends of priors whose scale was not measured
+WIDENING = 10.0  # factor that widens priors at both ends if no torque is known
 
 
 def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
-    """Return the ends of priors at the motor [SI] by unit, and the reason in words.
+    """Return the ends of priors for each unit, in SI and at the motor, and the reason as a text.
 
-    No-load speed and stall current bound a motor: k_e is about voltage over speed, the resistance
-    voltage over current, and torques reach k_e times the stall current. Inertias follow from torque,
-    speed and times between one step and the whole record.
+    From the largest voltage, speed and current, k_e is about voltage / speed, and the resistance is
+    about voltage / current. Torques reach k_e times the stall current. An inertia is about torque *
+    time / speed, where the time is between one step and the whole record.
     """
     gear, train = context.lead.roles.gear, context.lead.roles.train
     dt, duration = context.lead.segment.dt, float(np.ptp(context.lead.segment.t))
@@ -213,7 +213,7 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
     speed = max(_largest_speed(record, gear) for record in context.records)
     current, torque, force = largest("current"), largest("torque"), largest("force")
     sizes = {"V": voltage, "rad/s at the motor": speed, "A": current, "N m at the motor": torque}
-    if train is not None:  # scales of motors are held at one
+    if train is not None:  # motor constants are held at one, so a current acts as a torque
         unit = "m/s" if train.motion == "linear" else "rad/s"
         sizes = {"V": voltage, unit: speed, "A": current, "N m": torque, "N": force}
         torque = max(torque, force, current, voltage) or 1.0
@@ -230,7 +230,7 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
         "V*s/rad": (0.01 * k, 3 * k),
         "N*m/A": (0.01 * k, 10 * k),
         "ohm": (0.03 * r / far, 3 * r * far),
-        "H": (1e-5 * r / far, 0.03 * r * far),  # time constants in s
+        "H": (1e-5 * r / far, 0.03 * r * far),  # time constants L/R [s]
         "N*m": (1e-4 * torque / far, torque * far),
         "N*m*s/rad": (1e-5 * j / far, 3 * j * far),
         "N*m/rad": (0.03 * torque / far, 1e3 * torque * far),
@@ -238,7 +238,7 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
         "rad/s": (1e-3 * w, w),
         "V": (1e-3 * v, v),
     }
-    if train is not None:  # the slowest and the fastest swing that a record shows
+    if train is not None:  # periods from about one step to the whole record
         ends["N*m/rad"] = (1e-2 * j / duration**2, far * j / dt**2)
     ends |= {LINEAR[unit]: pair for unit, pair in ends.items() if unit in LINEAR}
     return ends, (
@@ -248,7 +248,7 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
 
 
 def _prior_ends(ends: PriorEnds, rig: Model, symbol: Symbol, gear: float) -> tuple[float, float]:
-    """Return the ends of a parameter's prior, in SI, at its own side of the gear."""
+    """Return the ends of a parameter's prior, in SI, for the side of the gear where it acts."""
     low, high = ends.get(symbol.unit, (1e-3, 1.0))
     at_load = symbol.unit in GEAR_POWERS and rig.roles.side(symbol.name) == "load"
     factor = gear ** GEAR_POWERS[symbol.unit] if at_load else 1.0
@@ -256,7 +256,7 @@ def _prior_ends(ends: PriorEnds, rig: Model, symbol: Symbol, gear: float) -> tup
 
 
 def _largest_speed(record: RecordFile, gear: float) -> float:
-    """Return the largest speed at the motor [rad/s]."""
+    """Return the largest measured speed, converted to the motor's side of the gear [rad/s]."""
     speeds, dt = [0.0], record.segment.dt
     for sensor in record.sensors:
         if sensor.kind in MOTIONS and sensor.location != TWIST:
@@ -275,7 +275,7 @@ def _with_meaning(entry: str, width: int, symbol: Symbol) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """A guess is a config `text` for `path`; only the user can correct its `open_issues`."""
+    """A guess is a config `text` for `path`; only the user can solve its `open_issues`."""
 
     path: Path
     text: str
@@ -309,9 +309,9 @@ def guess(
     sheet: Source | None = None,
     describe: Callable[[Iterable[Finding]], Sequence[str]] = lambda findings: (),
 ) -> Guess:
-    """Guess a config at `target` for files; raises `InputError`.
+    """Guess a config, to be saved at `target`, for record files; raises `InputError`.
 
-    `sheet` is a data sheet, and `describe` puts findings on the record into sentences.
+    `sheet` is a data sheet, and `describe` turns findings on the record into sentences.
     """
     records, lead = record_files.read_records(paths, given)
     pairs = [(record.roles, record.segment.dt) for record in records]
@@ -335,7 +335,7 @@ def guess(
 
 
 def _same_constants(problem: Problem, sheet: Mapping[str, Any]) -> dict[str, str]:
-    """Return back-emf constants by the torque constants to which the sheet says they are equal."""
+    """Map each back-emf constant to its torque constant if both are equal in the sheet."""
     pairs, si = (
         [(m.back_emf, m.torque_constant) for m in problem.model.roles.motors],
         problem.nominal,
@@ -350,9 +350,9 @@ def _findings(
     describe: Callable[[Iterable[Finding]], Sequence[str]],
     inputs: Collection[str],
 ) -> tuple[str, ...]:
-    """Return sentences on the records before any model, each with its experiments.
+    """Return the findings on records that need no fit, as sentences that name the experiments.
 
-    Findings on inputs that were not given, and are replaced by a number, are left out.
+    Findings on an input that is not among `inputs` are skipped, as the draft sets it to a number.
     """
     said: dict[str, list[str]] = {}
     for observation in problem.observations:
@@ -372,11 +372,11 @@ def _how_read(record: RecordFile) -> Iterator[str]:
     yield from (f"{s.name}: {n} [{s.unit}]{', REVIEW' if s.doubts else ''}" for n, s in named)
     unused = [f"not used: {names}: {why}" for names, why in grouped(record.unused)]
     yield from unused[:MAX_UNUSED]
-    yield from ["not used: others, see the config"] if len(unused) > MAX_UNUSED else []
+    yield from ["not used: more columns, see the config"] if len(unused) > MAX_UNUSED else []
 
 
 def check_draft_path(path: Path, read: Sequence[Path], *, force: bool) -> None:
-    """Refuse to replace a file that is read, or without `force` any file; raises `InputError`."""
+    """Raise `InputError` if `path` is no .yaml, is in `read`, or exists without `force`."""
     output_files.refuse_other_than_file(path)
     output_files.refuse_replacing(read, [path])
     if path.suffix.lower() not in (".yaml", ".yml"):
@@ -396,7 +396,7 @@ def _start(record: RecordFile, voltage: float | None) -> StartGuess:
 def _asks(
     text: str, target: Path, record: Path, sheet: Source | None
 ) -> tuple[tuple[Issue, ...], Problem]:
-    """Return the missing voltage as an issue, and the posterior; raises `InputError` for all others."""
+    """Return an issue if no voltage is known, and the problem; other issues are raised."""
     asked = entries.ASKED_VOLTAGE
     whole = parse(target, text.replace(asked, asked.replace("# ", "")))
     try:

@@ -27,10 +27,10 @@ LINE_LENGTH = 110
 _PLAIN = re.compile(r"(?![-\d%/]|\.(?!\.?/))[\w./%°-]+(?: [\w./%°-]+)*", re.ASCII)
 _FIXED_BLANK = "\x1f"  # stands for a blank in code, at which no line may break
 _YAML_WORDS = {"yes", "no", "on", "off", "true", "false", "null", "y", "n"}
-NOISE_PRIOR_FACTOR = 10.0  # ends of sigma's prior, over the differences between samples
-SUPPLY_SD = 0.02  # prior sd of a voltage's offset, over its largest value
-MAX_NAMED_GLITCHES = 8
-HOUSE_INPUTS = ("v", "t_m", "w_2", "t_1")
+NOISE_PRIOR_FACTOR = 10.0  # factor from the noise between samples to both ends of sigma's prior
+SUPPLY_SD = 0.02  # prior sd of a voltage's offset, relative to the largest voltage
+MAX_NAMED_GLITCHES = 8  # largest number of glitches whose times a comment lists
+HOUSE_INPUTS = ("v", "t_m", "w_2", "t_1")  # of the built-in rigs, in the order of a draft
 ASKED_VOLTAGE = "  # v: 8.0"  # the user replaces this line
 
 
@@ -59,13 +59,13 @@ def review(doubts: Iterable[str], indent: int) -> list[str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DraftContext:
-    """The context of a draft holds all `records`; their columns are identified as those of `lead`."""
+    """The context of a draft holds all `records`, with columns identified like those of `lead`."""
 
     records: tuple[RecordFile, ...]
     lead: RecordFile
     starts: Mapping[str, StartGuess]  # by label
     lag: LagHint | None
-    voltage: float | None  # V, if it is constant and given
+    voltage: float | None  # V, constant, if the user gives it
     folder: Path  # of the config
 
     @property
@@ -75,7 +75,7 @@ class DraftContext:
 
     @property
     def channels(self) -> Sequence[DraftChannel]:
-        """Return the channels, with the sensors of the lead."""
+        """Return the channels of the lead."""
         return self.lead.roles.channels
 
     @property
@@ -85,12 +85,12 @@ class DraftContext:
         return any(name != "v" or (self.voltage is None and v.varies) for name, v in inputs)
 
     def sensors(self, channel: str) -> list[tuple[str, Sensor]]:
-        """Return the sensors of one channel, with the experiments' labels."""
+        """Return pairs of an experiment's label and its sensor of the channel."""
         pairs = [(r.label, c) for r in self.records for c in r.roles.channels]
         return [(label, c.sensor) for label, c in pairs if c.name == channel]
 
     def file_name(self, path: Path) -> str:
-        """Return the name of a file in the config."""
+        """Return the path of a file as the config gives it, relative to the config's folder."""
         return sources.relative_name(self.folder, path)
 
     def file_entry(self, path: Path) -> str:
@@ -125,7 +125,7 @@ def record_lines(context: DraftContext) -> list[str]:
 
 
 def address(column: FileColumn) -> str:
-    """Return the entries that name a column."""
+    """Return the entries that select a column."""
     return ", ".join(f"{key}: {scalar(value)}" for key, value in column.address.items())
 
 
@@ -151,7 +151,7 @@ def _time(context: DraftContext) -> list[str]:
     uneven = [text for text in texts if "missing in" in text or "unequal" in text]
     text = f"{time.rate:.6g} samples a second" + (f", {time.why}" if time.why else "")
     if uneven:
-        text = f"{uneven[0]}; they are used as they are, and nothing is resampled"
+        text = f"{uneven[0]}; these times are used without resampling"
     return [*comment(text, 2), *lines]
 
 
@@ -176,8 +176,8 @@ def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
             doubts.append(
                 f"it seems to be {ms:.2g} ms late. With this delay the equation of rotor 1 leaves "
                 f"{100 * hint.residual:.2g} % of the twist unexplained; without it, "
-                f"{100 * hint.baseline:.2g} %. The delay is an unknown (damping in the shaft looks "
-                "alike)"
+                f"{100 * hint.baseline:.2g} %. The delay is an unknown (damping in the shaft has "
+                "a similar effect)"
             )
             details.append(f"lag: {_lag_prior(context, hint.samples)}")
         elif sensor.location == TWIST:
@@ -210,7 +210,7 @@ def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
 
 
 def _glitches(label: str, sensor: Sensor) -> str:
-    """Return where glitches are and how to mask them; empty if there are none."""
+    """Return a text on the times of glitches and on how to mask them; empty without glitches."""
     times = sensor.raw.glitches
     if not times:
         return ""
@@ -226,7 +226,7 @@ def _glitches(label: str, sensor: Sensor) -> str:
 
 
 def _lag_prior(context: DraftContext, samples: float) -> str:
-    """Return the prior of a lag that may be this many `samples`; its end has two digits."""
+    """Return a prior for a lag of about `samples`; its upper end is rounded up to two digits."""
     most = max(5.0, 2 * samples + 3) * context.lead.segment.dt
     scale = 10.0 ** (1 - math.floor(math.log10(most)))
     most = 1e3 * (math.ceil(most * scale) / scale)
@@ -243,8 +243,8 @@ def input_lines(context: DraftContext) -> list[str]:
         return ["inputs: {}"]
     starts = context.starts.values()
     if not context.has_measured_input and any(start.is_moving for start in starts):
-        return lines  # a constant voltage acted before the record, so there is no step to time
-    # The longest sampling step of measured inputs, or without any, of channels.
+        return lines  # a constant voltage acted before the record, so no step has an unknown time
+    # Take the longest sampling step of measured inputs, or if there are none, of records.
     pairs = [(record, s) for record in context.records for s in record.roles.inputs.values()]
     files = [record.file_of(sensor) for record, sensor in pairs] or context.records
     step = max(file.segment.dt for file in files)
@@ -259,7 +259,7 @@ def input_lines(context: DraftContext) -> list[str]:
 
 
 def constant_voltages(context: DraftContext) -> dict[str, str]:
-    """Return entries of the voltage by label, if each experiment has a constant one."""
+    """Return the voltage's entry by label if each experiment has a constant voltage; else {}."""
     pairs = [(record.label, record.roles.v) for record in context.records]
     if context.voltage is not None or any(v is None or v.varies for _, v in pairs):
         return {}
@@ -284,8 +284,8 @@ def _voltage(context: DraftContext) -> list[str]:
         voltages = [record.roles.v for record in context.records]
         largest = max(float(abs(other.raw.x).max()) for other in voltages if other)
         doubts = [
-            "each value is held until the next sample (`zero`); a smooth supply needs `first`",
-            "the motor may get another voltage: its offset is an unknown, with an sd of "
+            "each value is held until the next sample; if the supply is smooth, use `hold: first`",
+            "the voltage at the motor may differ: the offset is an unknown, with an sd of "
             f"{100 * SUPPLY_SD:g} % of the largest value",
         ]
         offset = f"      offset: {{prior: normal, mean: 0, sd: {SUPPLY_SD * largest:.2g}}}}}"
@@ -323,7 +323,7 @@ def _opened_input(context: DraftContext, name: str, sensor: Sensor) -> str:
 
 
 def _column_entries(context: DraftContext, sensor: Sensor) -> list[str]:
-    """Return the entries for column and unit; for a column in another file, its name and time too."""
+    """Return the entries for column and unit; for a column in another file, also file and time."""
     lead, entries = context.lead, [address(sensor.column), f"unit: {scalar(sensor.unit)}"]
     if not sensor.column.file:
         return entries

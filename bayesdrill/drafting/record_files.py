@@ -33,7 +33,7 @@ class GivenFacts:
     voltage: float | None = None
     rate: float = 0.0
     columns: tuple[NamedColumn, ...] = ()
-    split: bool = False  # another record begins where times go back
+    split: bool = False  # a new record begins where times go back
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +48,7 @@ class RecordFile:
     unused: dict[str, str]
     companions: tuple[RecordFile, ...] = ()
     label: str = ""
-    rows: Sequence[int] = ()  # the first and the last, if the record is a part of the file
+    rows: Sequence[int] = ()  # first and last row, if the record is a part of the file
 
     @property
     def sensors(self) -> list[Sensor]:
@@ -84,7 +84,7 @@ def examine(path: Path, given: GivenFacts) -> list[RecordFile]:
     parts, records = _parts(time.t), list[RecordFile]()
     if not given.split or not parts:
         for (first, last), (begin, _) in itertools.pairwise(parts):
-            if time.t[begin] < time.t[(first + last) // 2]:  # the time starts again
+            if time.t[begin] < time.t[(first + last) // 2]:  # times restart
                 back = f"{table.where(begin)} ({time.t[last - 1]:.6g} s to {time.t[begin]:.6g} s)"
                 message = f"time goes back at {back}: {len(parts)} records in one file? "
                 raise InputError.at(str(path), message + "Use --split for an experiment of each")
@@ -132,12 +132,12 @@ def _segment(
 ) -> Segment:
     segment = signals.longest_segment(time, columns)
     if segment is None:
-        raise unusable(path, unused, f"no {MIN_SAMPLES} rows in a row have increasing times")
+        raise unusable(path, unused, f"no {MIN_SAMPLES} successive rows have increasing times")
     return segment
 
 
 def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
-    """Identify the columns of `file` as those of `lead`; raises `InputError` if one is missing."""
+    """Identify the columns of `file` like `lead`'s; raises `InputError` if one is missing."""
     wanted = [sensor.column for sensor in lead.sensors]
     by_key = {column.key: column for column in file.columns}
     timed = wanted if lead.time.column is None else [*wanted, lead.time.column]
@@ -147,7 +147,7 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
             f"has no column {', '.join(missing)}, but {lead.path} has. Several files must have the same "
             "columns, or complete each other at the same times. Otherwise write a config for each",
         )
-    if lead.time.column is None:  # the lead's sampling rate
+    if lead.time.column is None:  # use the lead's sampling rate
         clock, t = None, lead.time.dt * np.arange(len(file.time.t), dtype=np.float64)
     else:
         clock = by_key[lead.time.column.key]
@@ -177,7 +177,7 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
 def read_records(
     paths: Sequence[Path], given: GivenFacts
 ) -> tuple[tuple[RecordFile, ...], RecordFile]:
-    """Return the records of files, all identified as their lead, and the lead; raises `InputError`."""
+    """Return the records, identified like their lead, and the lead; raises `InputError`."""
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:
             raise InputError.at(str(path), "is given twice. Give each file once")
@@ -202,7 +202,7 @@ def _refuse_without_channels(file: RecordFile) -> None:
 
 
 def _by_kind(files: Sequence[RecordFile]) -> list[list[RecordFile]]:
-    """Group files by the columns that they share with the most certain file of the group."""
+    """Group files that have all the used columns of the most certain file in the group."""
     remaining, kinds = [*files], []
     while remaining:
         lead = min(remaining, key=lambda record: record.uncertainty)
@@ -213,7 +213,7 @@ def _by_kind(files: Sequence[RecordFile]) -> list[list[RecordFile]]:
 
 
 def _join_kinds(kinds: Sequence[Sequence[RecordFile]], given: GivenFacts) -> list[RecordFile]:
-    """Return records that each join one file of every kind."""
+    """Return records, each of which joins one file of every kind."""
     firsts, *others = kinds
     leads = [kind[0].roles for kind in kinds]
     names = [name for lead in leads for name in (*(c.name for c in lead.channels), *lead.inputs)]
@@ -238,13 +238,13 @@ def _nearest(file: RecordFile, kind: Sequence[RecordFile]) -> RecordFile:
 
 
 def _join(first: RecordFile, companions: Sequence[RecordFile], given: GivenFacts) -> RecordFile:
-    """Return the record of several files, with all columns at the times of the first."""
+    """Return the record of several files, with all columns at the times of the first file."""
     columns, t = [*first.columns], first.time.t
     for k, other in enumerate(companions, start=1):
         for file in (first, other):
             if file.time.column is None and not np.array_equal(t, other.time.t):
                 message = "has no column of times, so it cannot be joined with another file"
-                raise InputError.at(str(file.path), f"{message}. Add one")
+                raise InputError.at(str(file.path), f"{message}. Add such a column")
         u, s = first.segment.t, other.segment.t
         if np.sum((u >= s[0]) & (u <= s[-1])) < MIN_SAMPLES:
             raise InputError.at(
@@ -276,7 +276,7 @@ def _on_own_clocks(record: RecordFile) -> RecordFile:
 
 
 def _at(t: Array, file: RecordFile, column: FileColumn) -> Array:
-    """Return a column of another file at times `t (T,)`, NaN outside its own times."""
+    """Return a column of another file, interpolated at `t (T,)`; NaN outside that file's times."""
     if np.array_equal(t, file.time.t):
         return column.values
     values = column.values[file.segment.rows]
@@ -295,7 +295,7 @@ def experiment_labels(paths: Sequence[Path]) -> list[str]:
     first = _common_length(tokens)
     shortest, ends = min(map(len, tokens)), [words[::-1] for words in tokens]
     last = min(shortest - first, _common_length(ends))
-    if any(len(words) == first + last for words in tokens):  # no word is left of one of them
+    if any(len(words) == first + last for words in tokens):  # a path has only common words
         first, last = max(first - 1, 0), 0
     parts = ["_".join(words[first : len(words) - last])[-MAX_LABEL_LETTERS:] for words in tokens]
     labels = [part if part.isidentifier() else f"{LABEL_PREFIX}_{part}" for part in parts]
@@ -315,6 +315,6 @@ def _split(name: str) -> list[str]:
 
 
 def _common_length(names: Sequence[Sequence[str]]) -> int:
-    """Return the number of letters, or words, with which all names begin."""
+    """Return the number of letters, or words, that are common to the beginnings of all names."""
     columns = zip(*names, strict=False)
     return sum(1 for _ in itertools.takewhile(lambda column: len({*column}) == 1, columns))

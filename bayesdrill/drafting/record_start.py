@@ -1,4 +1,4 @@
-"""Guess how a record begins (at rest, steadily, moving or let go), and when its use begins."""
+"""Guess the start of a record: its state (at rest, steady, moving or released) and its window."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, TWIST
 from bayesdrill.drafting.roles import SensorRoles
 from bayesdrill.drafting.signals import TURNS, Segment, Sensor
 
-FIRST_SAMPLES = 9  # samples from which the first value is fitted
-MIN_AFTER_ZERO = 100  # least samples after 0 s for which earlier ones are cut off
-CLEAR_OF_NOISE = 6.0  # smallest clear value, in sds of the noise
-IMMEDIATE_SHARE = 0.4  # initial over mean speed, above which a rig moved before the record
-STEADY_SAMPLES = 40  # samples that have to be steady
-STEADY_NOISE = 1.3  # largest sd of a steady channel, over its noise
-ZERO_PRIOR_FACTOR = 2.0  # prior sd of an angle's offset, over its first value
+FIRST_SAMPLES = 9  # number of samples that are fitted to find the first value
+MIN_AFTER_ZERO = 100  # least number of samples after 0 s if samples before 0 s are cut off
+CLEAR_OF_NOISE = 6.0  # smallest value that is clearly not zero, in sds of the noise
+IMMEDIATE_SHARE = 0.4  # ratio of initial to mean speed above which a rig moved before the record
+STEADY_SAMPLES = 40  # number of samples at the beginning that have to be steady
+STEADY_NOISE = 1.3  # largest sd of a steady channel, relative to its noise
+ZERO_PRIOR_FACTOR = 2.0  # prior sd of an angle's offset, relative to its first value
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +31,9 @@ class StartGuess:
     is_moving: bool
     window: str
     zero_sds: Mapping[str, float]  # prior sds of offsets, for angles at rest but not at zero
-    max_delay: float  # samples after which an input acts at the latest
-    dead: int  # samples by which a speed follows its input; 0 if that is not clear
-    rest_end: float  # s, nothing moves before; NaN if something moves at the start
+    max_delay: float  # largest delay of an input, in samples
+    dead: int  # delay from an input to a speed, in samples; 0 if unclear
+    rest_end: float  # time of the first motion [s]; NaN if it is at the start
     window_doubt: str
     doubts: tuple[str, ...]
 
@@ -41,14 +41,14 @@ class StartGuess:
 def guess_start(
     roles: SensorRoles, segment: Segment, *, measured: bool, inputs_begin: float | None = None
 ) -> StartGuess:
-    """Guess how the segment begins; a `measured` drive is known from `inputs_begin` [s] on."""
+    """Guess how the segment begins; `inputs_begin` [s] is the first time of `measured` inputs."""
     t = segment.t
     begin, why, time = None, "", None
     if segment.is_cut:
-        begin, why = float(t[0]), "the longest part in which times increase and none is infinite"
+        begin, why = float(t[0]), "the longest part with increasing times and no infinite value"
     if measured and inputs_begin is not None and inputs_begin > t[0]:
         t = t[t >= inputs_begin]
-        begin, why = float(t[0]), "from where the inputs are known"
+        begin, why = float(t[0]), "the window begins at the first sample of the inputs"
     moving, rest = _moves(roles), _onset(roles)
     dead, max_delay = _dead_time(roles) if measured else (0, 1.0)
     if roles.train is not None:
@@ -64,7 +64,7 @@ def guess_start(
         begin, why = _release(float(t[0]), rest, segment.dt, driven=driven)
     elif begin is None and driven and not measured:
         begin, why, time = _switching_on(t, segment.dt)
-    doubts = [] if time is None else [f"the record begins at {t[0]:.6g} s, and so does the start"]
+    doubts = [] if time is None else [f"the start is taken at the first sample, {t[0]:.6g} s"]
     state = ""
     if moving and measured and _begins_steadily(roles):
         state = "steady"
@@ -88,7 +88,7 @@ def _window(begin: float | None, t: Array) -> str:
 
 
 def _dead_time(roles: SensorRoles) -> tuple[int, float]:
-    """Return the dead samples between input and speed, and the largest possible number of them."""
+    """Return the dead time between input and speed, and its upper limit, in samples."""
     channels, inputs = [channel.sensor for channel in roles.channels], [*roles.inputs.values()]
     rigid = len(roles.rig.roles.moving(roles.rig.states, roles.rig.parameters)) == 1
     dead, margin = signals.dead_samples(channels, inputs, rigid=rigid)
@@ -96,31 +96,31 @@ def _dead_time(roles: SensorRoles) -> tuple[int, float]:
 
 
 def _free_states(roles: SensorRoles) -> str:
-    """Return the entry `initial` of a train; without a measured angle the first one stays zero."""
+    """Return the entry `initial` of a train; without a measured angle, the first angle is zero."""
     if any(channel.sensor.kind in ("angle", "position") for channel in roles.channels):
         return "free"
     return f"{{{', '.join(f'{name}: free' for name in roles.rig.states[1:])}}}"
 
 
 def _release(first: float, rest: float, dt: float, *, driven: bool) -> tuple[float, str]:
-    """Return the time at which a rig starts that is at rest until `rest` [s], and the reason."""
+    """Return the start time of a rig that is at rest until `rest` [s], and the reason for it."""
     begin = max(first, rest - 2 * dt if driven else rest)
     still = f"nothing moves before {begin:.6g} s"
     if driven:
-        reason = "and a constant voltage is there from the start on: so it starts there"
+        reason = "and a constant voltage acts from the start on, so this is the start"
         return begin, f"{still}, {reason}"
-    return begin, f"{still}: it is let go there"
+    return begin, f"{still}: the rig is released there"
 
 
 def _switching_on(t: Array, dt: float) -> tuple[float | None, str, float | None]:
-    """Return begin of the window, its reason, and the time of the start, for a constant voltage."""
+    """Return the window's begin, the reason, and the start time, for a constant voltage."""
     if t[0] < -1e-9 * dt and t[-1] > MIN_AFTER_ZERO * dt:
-        return 0.0, "times before 0 s: a constant voltage is taken to be there from 0 s on", None
+        return 0.0, "times before 0 s: a constant voltage is assumed to act from 0 s on", None
     return None, "", None if -1e-9 * dt <= t[0] <= 2 * dt else float(t[0])
 
 
 def _initial(roles: SensorRoles, state: str, time: float | None) -> str:
-    """Return the entry `initial` for a `state` that is free, steady, or at rest if it is empty."""
+    """Return the entry `initial`; `state` is "free", "steady", or empty for a rig at rest."""
     angle = _start_angle(roles, state) if state else ""
     if time is None and not angle:
         return state
@@ -129,7 +129,7 @@ def _initial(roles: SensorRoles, state: str, time: float | None) -> str:
 
 
 def _begins_steadily(roles: SensorRoles) -> bool:
-    """Return whether voltage, speeds, twists and currents are constant at first, and angles linear."""
+    """Return whether at first angles are linear, and voltage and other channels are constant."""
     v = roles.v
     if v is None or not np.ptp(v.values[:STEADY_SAMPLES]) <= 0.01 * np.ptp(v.values):
         return False
@@ -143,16 +143,16 @@ def _begins_steadily(roles: SensorRoles) -> bool:
 
 
 def _start_angle(roles: SensorRoles, state: str) -> str:
-    """Return the entry of the angle that the start has to name; empty if there is none."""
+    """Return the entry for the angle that `initial:` must contain; empty if it needs no angle."""
     measured = {c.sensor.location for c in roles.channels if c.sensor.kind == "angle"}
     upper, rotor = bool(measured & {GEARBOX, MOTOR}), ROTOR in measured
     if state == "steady":
         return "theta_2: free" if upper else "theta_1: free" if rotor else ""
-    return "" if upper or rotor else "theta_2: 0"  # any angle will do: only the twist matters
+    return "" if upper or rotor else "theta_2: 0"  # any angle fits: only the twist matters
 
 
 def _moves(roles: SensorRoles) -> bool:
-    """Return whether a speed is clear at the first sample, or without speeds an angle grows."""
+    """Return whether a speed is clearly not zero at first; if no speed is known, an angle grows."""
     turning = [c.sensor for c in roles.channels if c.sensor.kind in TURNS and not c.derived]
     if speeds := [sensor for sensor in turning if sensor.kind == "speed"]:
         return any(_first_value(sensor)[1] for sensor in speeds)
@@ -161,7 +161,7 @@ def _moves(roles: SensorRoles) -> bool:
 
 
 def _grows(sensor: Sensor) -> bool:
-    """Return whether an angle clearly grows from the first sample on."""
+    """Return whether an angle clearly changes from the first sample on, not only later."""
     if len(sensor.raw.x) < FIRST_SAMPLES:
         return False
     t, x = sensor.raw.t[:FIRST_SAMPLES], sensor.raw.x[:FIRST_SAMPLES]

@@ -1,7 +1,7 @@
-"""Assign each sensor a channel or input of the rig; find the gear, lags, and how a record begins.
+"""Assign each sensor to a channel or an input of the rig, and find the gear ratio and lags.
 
-The lag between the ends of the shaft follows from the equation of rotor 1, which the twist accelerates.
-Damping of the shaft shifts it by c_s/k_s, so the result is a hint, not a value.
+The lag between sensors at the ends of the shaft is the shift with which the equation of motion of
+rotor 1 explains the twist best. Damping of the shaft adds c_s/k_s to the lag, so it is only a hint.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ from bayesdrill.rig.models.train import Train
 
 _STATE = {meaning: state for state, meaning in STATES.items()}
 _NAMED_STATES = re.compile(r"\b(?:theta_[12]|w_[12]|i)\b")
-# For a sensor of the twist, by kind: name of its channel, and what it measures, forwards or backwards.
+# Twist sensors by kind: channel name, `measures:`, and `measures:` with the opposite sign.
 _TWISTS = {
     "angle": ("twist", "theta_1 - theta_2", "theta_2 - theta_1"),
     "speed": ("twist_rate", "w_1 - w_2", "w_2 - w_1"),
 }
-IMPOSED = ("theta_2", "w_2")  # in order of preference: the angle is the one that is measured
+IMPOSED = ("theta_2", "w_2")  # in order of preference: a speed is often computed from the angle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DraftChannel:
-    """A draft channel is a sensor with its name in the config; `measures` is empty for a state."""
+    """A draft channel has its `name` in the config; `measures` is empty if it is a state's name."""
 
     name: str
     measures: str
     sensor: Sensor
-    derived: str = ""  # name of the channel whose differences it contains
+    derived: str = ""  # name of the angle channel from which this speed was computed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorRoles:
-    """Sensors are channels or `inputs`, by entry; `gear` is turns of the motor per turn of the shaft."""
+    """Sensors are `channels`, or `inputs` by their name; `gear` is motor turns per shaft turn."""
 
     channels: tuple[DraftChannel, ...]
     inputs: Mapping[str, Sensor]
@@ -55,7 +55,7 @@ class SensorRoles:
     gear_reason: str
     gear_doubt: str
     unused: dict[str, str]
-    train: Train | None = None  # without optional physics, if the columns describe the rig
+    train: Train | None = None  # without optional physics; None if the rig is no train
 
     @property
     def v(self) -> Sensor | None:
@@ -63,7 +63,7 @@ class SensorRoles:
         return self.inputs.get("v")
 
     def with_sensors(self, change: Callable[[Sensor], Sensor]) -> SensorRoles:
-        """Return the same roles for the sensors that `change` returns."""
+        """Return the roles with each sensor replaced by `change(sensor)`."""
         channels = (dataclasses.replace(c, sensor=change(c.sensor)) for c in self.channels)
         inputs = {name: change(sensor) for name, sensor in self.inputs.items()}
         return dataclasses.replace(self, channels=tuple(channels), inputs=inputs)
@@ -72,7 +72,7 @@ class SensorRoles:
 def assign_roles(
     sensors: Sequence[Sensor], dt: float, rig: Model, gear: float | None, *, voltage: bool
 ) -> SensorRoles:
-    """Assign sensors, sampled every `dt` [s], to a rig; `voltage` says that a constant one is known."""
+    """Assign sensors with step `dt` [s] to a rig; `voltage`: if a constant voltage is given."""
     unused: dict[str, str] = {}
     turning = _with_locations([sensor for sensor in sensors if sensor.kind in TURNS])
     ratio, sources = _gear_ratio(turning, dt)
@@ -81,10 +81,10 @@ def assign_roles(
     if gear is not None:
         why = "as given"
         if abs(abs(ratio) / gear - 1) > 0.05:  # false for NaN
-            doubt = f"{sources} turn as {abs(ratio):.4g}:1 by their units; check them, or the gear"
+            doubt = f"in their units {sources} turn as {abs(ratio):.4g}:1; check units and gear"
     elif math.isnan(ratio):
         doubt = "no two columns show the gear, so it is taken as 1:1"
-        doubt += ". The motor's parameters are then those behind it. Use `--gear 14` for 14:1"
+        doubt += ". The motor's parameters then refer to the shaft. Use `--gear 14` for 14:1"
     else:
         value = abs(ratio)
         doubt = f"the gear ratio is not stated; {sources} turn as {value:.5g}:1"
@@ -107,7 +107,7 @@ def assign_roles(
 def add_channel(
     channels: dict[str, DraftChannel], new: DraftChannel, unused: dict[str, str]
 ) -> None:
-    """Add a channel, unless there is one with its name."""
+    """Add a channel, unless a channel with its name exists."""
     if known := channels.get(new.name):
         unused[new.sensor.name] = f"is not needed: {new.name} is taken from {known.sensor.name}"
     else:
@@ -122,7 +122,7 @@ def _inputs(
     *,
     voltage: bool,
 ) -> tuple[dict[str, Sensor], Model]:
-    """Return the measured inputs, and the rig with the circuit that a voltage or a current needs."""
+    """Return the measured inputs, and the rig, with a circuit if voltage or current is known."""
     inputs: dict[str, Sensor] = {}
     voltages, torques = ([s for s in sensors if s.kind == kind] for kind in ("voltage", "torque"))
     motor = [torque for torque in torques if torque.location in (MOTOR, "")]
@@ -135,14 +135,14 @@ def _inputs(
         voltages.sort(key=_voltage_rank)
         inputs["v"] = _first(voltages, "voltage", unused)
         if others := ", ".join(s.name for s in voltages[1:] if not s.column.meaning.is_setpoint):
-            doubt = f"{others} may be the voltage as well: the name of this column is closest"
+            doubt = f"{others} may be the voltage as well: this column has the clearest name"
             inputs["v"] = inputs["v"].revised(doubt=doubt)
     if "t_1" in rig.inputs:
         unlocated = [torque.name for torque in torques if torque.location == ""]
         why = "is a torque, but does not say whether it acts on rotor 1"
         unused |= dict.fromkeys(unlocated, why)
         if loads := [torque for torque in torques if torque.location == ROTOR]:
-            doubt = "taken as the load on rotor 1, against positive speed; check its sign"
+            doubt = "taken as the load on rotor 1; it acts against positive speed: check its sign"
             inputs["t_1"] = _first(loads, "load", unused).revised(doubt=doubt)
     if "w_2" in rig.inputs:
         imposed = [channels.pop(name) for name in IMPOSED if name in channels]
@@ -154,13 +154,13 @@ def _inputs(
     for sensor in [*voltages, *torques]:
         if sensor.column not in used:
             unused.setdefault(sensor.name, f"is no input of the rig {rig.name}")
-    doubt = "it counts backwards, but an input has no `measures`: turn its sign in the file"
+    doubt = "it counts backwards, but an input has no `measures`: change its sign in the file"
     backwards = {name: s for name, s in inputs.items() if s.column.meaning.is_reversed}
     return inputs | {name: s.revised(doubt=doubt) for name, s in backwards.items()}, rig
 
 
 def _voltage_rank(voltage: Sensor) -> tuple[bool, bool, int]:
-    """Return a sort key: measurements first, then the motor, then names like `v` or words."""
+    """Return a sort key: measurements before set points, then the motor, then the clearest name."""
     meaning, name = voltage.column.meaning, voltage.name.lower()
     by_name = (bool(meaning.unit), len(meaning.kind_word) > 1, name == "v", name == "u", True)
     return meaning.is_setpoint, voltage.location != MOTOR, by_name.index(True)
@@ -178,7 +178,7 @@ def _first(sensors: Sequence[Sensor], what: str, unused: dict[str, str]) -> Sens
 
 
 def _with_locations(turning: Sequence[Sensor]) -> list[Sensor]:
-    """Return sensors with locations; a missing location is taken as the free end, or the gearbox."""
+    """Return sensors with locations; default: an end without a sensor, or else the gearbox."""
     located = {sensor.location for sensor in turning}
     rotor, upper, twist = ROTOR in located, bool(located & {GEARBOX, MOTOR}), TWIST in located
     if rotor and upper:
@@ -188,7 +188,7 @@ def _with_locations(turning: Sequence[Sensor]) -> list[Sensor]:
         free, because = GEARBOX if rotor else ROTOR, "the other end has a column of its own"
     elif twist:
         because = "the twist is counted from there"
-    doubt = f"the end of the shaft is not stated; taken as {free}, as {because}"
+    doubt = f"the end of the shaft is not stated; taken as {free}, because {because}"
     firsts = {sensor.kind: sensor for sensor in reversed(turning) if not sensor.location}
     return [
         s.revised(location=free, doubt=doubt) if s is firsts.get(s.kind) else s for s in turning
@@ -209,14 +209,14 @@ def _gear_ratio(turning: Sequence[Sensor], dt: float) -> tuple[float, str]:
 
 
 def _ratio(motor: Sensor, end: Sensor, dt: float) -> float:
-    """Return the ratio of the angle of the motor's sensor to that of the other one."""
+    """Return the ratio of the motor's angle to the angle of the sensor `end`."""
     if end.location == ROTOR:
         return signals.ratio_through_shaft(motor.angle(dt), end.angle(dt), dt)
     return signals.ratio(motor.angle(dt), end.angle(dt))
 
 
 def _behind_gear(sensor: Sensor, turning: Sequence[Sensor], dt: float) -> Sensor:
-    """Return a motor's sensor; if it turns as the shaft does, it is moved behind the gear."""
+    """Return the sensor, with a location behind the gear if it turns as fast as the shaft."""
     ends = [other for other in turning if other.location in (GEARBOX, ROTOR)]
     if sensor.location != MOTOR or not ends:
         return sensor
@@ -231,7 +231,7 @@ def _behind_gear(sensor: Sensor, turning: Sequence[Sensor], dt: float) -> Sensor
 
 
 def _channel_name(sensor: Sensor, gear: float) -> tuple[str, str]:
-    """Return the name and the `measures:` of a sensor's channel; the name is empty if unknown."""
+    """Return name and `measures:` of a sensor's channel; the name is empty if it is unknown."""
     backwards = sensor.column.meaning.is_reversed
     if sensor.location == TWIST and sensor.kind in _TWISTS:
         name, forwards, reverse = _TWISTS[sensor.kind]
@@ -249,12 +249,12 @@ PAIRS = (("theta_1", "w_1"), ("theta_2", "w_2"), ("motor_angle", "motor"))
 def mark_differenced(
     channels: dict[str, DraftChannel], dt: float, pairs: Iterable[tuple[str, str]] = PAIRS
 ) -> None:
-    """Mark each speed that was computed from an angle, and is no measurement of its own."""
+    """Mark each speed that was computed from an angle instead of being measured."""
     for angle, speed in pairs:
         if angle in channels and speed in channels:
             first, second = channels[angle].sensor, channels[speed].sensor
             t, rows, others = np.intersect1d(first.raw.t, second.raw.t, return_indices=True)
-            whole = len(t) > 0.99 * len(first.values)  # except for a few glitches
+            whole = len(t) > 0.99 * len(first.values)  # except for removed glitches
             alike = whole and anomalies.differenced(first.si, second.si, dt)
             if alike or signals.differenced(first.raw.x[rows], second.raw.x[others], t):
                 channels[speed] = dataclasses.replace(channels[speed], derived=angle)
@@ -268,13 +268,13 @@ def turns_both_ways(roles: SensorRoles) -> bool:
     return any(map(signals.reverses, driving or speeds or moving))
 
 
-FILTER_WIDTHS = (2, 4, 8, 16)  # sds of Gaussian filters in samples; the best suits the oscillation
-FILTER_REACH = 4  # filters are cut off at this many sds
+FILTER_WIDTHS = (2, 4, 8, 16)  # sds of the Gaussian filters to try, in samples; the best is used
+FILTER_REACH = 4  # distance at which filters are cut off, in sds
 MAX_SHIFT = 8  # largest lag that is tried, in samples
-SHIFTS_PER_SAMPLE = 2
-MAX_LAG_SAMPLES = 10_000  # samples from which a lag is found
-MIN_EXPLAINED = 0.9  # share of the twist's variance that the equation has to explain
-MIN_IMPROVEMENT = 1.5  # residual variance without a lag over that with it
+SHIFTS_PER_SAMPLE = 2  # number of lags that are tried per sample
+MAX_LAG_SAMPLES = 10_000  # largest number of samples from which a lag is found
+MIN_EXPLAINED = 0.9  # least fraction of the twist's variance that the equation explains
+MIN_IMPROVEMENT = 1.5  # least ratio of the residual variances without and with a lag
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,12 +283,12 @@ class LagHint:
 
     channel: str
     samples: float
-    residual: float  # share of the twist's variance that the equation leaves with this lag
-    baseline: float  # the same share without a lag
+    residual: float  # unexplained fraction of the twist's variance with this lag
+    baseline: float  # the same fraction without a lag
 
 
 def find_lags(roles: SensorRoles, dt: float) -> list[LagHint]:
-    """Return hints at lags between the twist or rotor 1 and each independent channel."""
+    """Return hints of lags between the twist, or else rotor 1, and each other measured motion."""
     turning = [c for c in roles.channels if c.sensor.kind in TURNS and not c.derived]
 
     def at(*locations: str) -> list[DraftChannel]:
@@ -325,7 +325,7 @@ def _lag_of_pair(
 def _twist_law(
     first: Sensor, second: Sensor, width: int, gear: float, dt: float
 ) -> Callable[[float], float]:
-    """Return the unexplained share of the twist's variance, as a function of the shift of `first`."""
+    """Return the function: shift of `first` -> unexplained fraction of the twist's variance."""
     smoothed = []  # one filter for all derivatives, so that filtered signals obey the equation, too
     for sensor in (first, second):
         angle = sensor.angle(dt)[:MAX_LAG_SAMPLES] / (gear if sensor.location == MOTOR else 1.0)
@@ -345,6 +345,6 @@ def _twist_law(
         _, speed, acceleration = rotor
         causes = [acceleration, speed, np.sign(speed), k[inner]]
         factors, share = signals.explained(twist, *causes)
-        return 1 - share if factors[0] < 0 else 1.0  # a spring has a negative factor
+        return 1 - share if factors[0] < 0 else 1.0  # a spring has twist = -J/k * acceleration
 
     return unexplained

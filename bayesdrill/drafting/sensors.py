@@ -1,4 +1,4 @@
-"""Identify quantity and unit of each column, by its header, then by relations between columns."""
+"""Identify quantity and unit of each column from headers, then from relations between columns."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from bayesdrill.drafting.columns import (
 from bayesdrill.drafting.signals import TURNS, RawSamples, Segment, Sensor
 from bayesdrill.record.regression import integral
 
-FAST_SPEED = 60.0  # larger speeds are hardly in rad/s, nor changes of an angle in rad per second
-MIN_GEAR = 0.8  # turns of a motor per turn of the shaft; fewer show a wrong unit
-SUPPLY_RIPPLE = 0.1  # relative range within which a voltage is a nearly constant supply
-SPEED_SAMPLES = 10  # samples over which the speed of an angle is computed
-NAMELESS_SHARE = 0.999  # share of an angle's variance that a nameless speed has to explain
+FAST_SPEED = 60.0  # speeds above it are hardly in rad/s, and angles with such rates hardly in rad
+MIN_GEAR = 0.8  # motor turns per shaft turn; a smaller ratio shows a wrong unit
+SUPPLY_RIPPLE = 0.1  # relative range below which a voltage is a nearly constant supply
+SPEED_SAMPLES = 10  # number of steps over which the speed of an angle is computed
+NAMELESS_SHARE = 0.999  # fraction of variance that is to be explained if a kind is unknown
 RPM_WORDS = ("n", "rpm", "drehzahl", "rotacao", "upm")
 RADIAN_WORDS = ("w", "omega", "w1", "w2", "wm")
 
@@ -34,12 +34,12 @@ RADIAN_WORDS = ("w", "omega", "w1", "w2", "wm")
 def identify_sensors(
     columns: Sequence[FileColumn], segment: Segment
 ) -> tuple[list[Sensor], dict[str, str]]:
-    """Return all columns but the time as sensors with units, and the reasons why others are not used."""
+    """Return the usable columns as sensors with units, and why the other columns are not used."""
     drafts, unused = signals.read_sensors(columns, segment)
     dt = segment.dt
     sensors = _by_twist(_by_derivative(drafts, dt), dt)
     known: list[Sensor] = []
-    for sensor in sorted(sensors, key=lambda s: s.location == MOTOR):  # a gear scales the last
+    for sensor in sorted(sensors, key=lambda s: s.location == MOTOR):  # motors last, due to gears
         if sensor.kind:
             known.append(_with_unit(sensor, [*sensors, *known], dt))
         else:
@@ -90,7 +90,7 @@ def _same_location(angle: Sensor, speed: Sensor) -> bool:
 def _derivatives(
     sensors: Sequence[Sensor], values: Sequence[Array], dt: float
 ) -> Iterator[tuple[Sensor, Sensor, float, float]]:
-    """Yield pairs of angle and speed, the factor between them, and the explained share of variance."""
+    """Yield angle, speed, factor (angle = factor * integral of speed), explained variance."""
     angles, integrals = dict[int, Array](), dict[int, Array]()
     for sensor, x in zip(sensors, values, strict=True):
         angles[id(sensor)], integrated = x - x.mean(), integral(x, dt)
@@ -107,7 +107,7 @@ def _derivatives(
 
 
 def _by_derivative(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
-    """Return the sensors, with units where a speed is the derivative of an angle."""
+    """Return the sensors; if a speed is the derivative of an angle, both of them get units."""
     revised = {id(sensor): sensor for sensor in sensors}
     trials = []
     for angle, speed, factor, share in _derivatives(sensors, [s.values for s in sensors], dt):
@@ -122,7 +122,7 @@ def _by_derivative(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
 
 
 def _resolve(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Sensor] | None:
-    """Return angle and speed with kinds, units and locations by the factor; None if it shows none."""
+    """Return angle and speed with the kinds, units and locations that fit; None if no unit fits."""
     fitting = signals.units_by_factor(factor, angle.unit, speed.unit)
     known = angle.unit != "" and speed.unit != ""
     if known and 0.85 < abs(factor) / signals.derivative_factor(angle.unit, speed.unit) < 1.18:
@@ -149,7 +149,7 @@ def _resolve(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Senso
             doubt = f"no unit is stated; {relation}, as in {pair_units[0]} and {pair_units[1]}"
             revised = revised.revised(doubt=doubt + also if ambiguous else doubt)
         if location and not sensor.location:
-            revised = revised.revised(doubt=f"taken to be at the place of {other.name}")
+            revised = revised.revised(doubt=f"taken to be at the location of {other.name}")
         pair.append(revised)
     if factor < 0 and angle.column.meaning.is_reversed == speed.column.meaning.is_reversed:
         doubt = f"{relation}: one of them counts backwards; write `measures: -...`"
@@ -168,7 +168,7 @@ def _in_degrees(angle: Sensor, speed: Sensor) -> bool:
 
 
 def _by_twist(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
-    """Return the sensors, with units where a twist is the integral of a difference of two speeds."""
+    """Return the sensors; units are added if a twist is the integral of a speed difference."""
     twists = [sensor for sensor in sensors if sensor.location == TWIST and sensor.kind == "angle"]
     speeds = [sensor for sensor in sensors if sensor.kind == "speed"]
     rotors = [speed for speed in speeds if speed.location == ROTOR]
@@ -182,7 +182,7 @@ def _by_twist(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
     if share < 0.8 or not fitting or (len(fitting) > 1 and not (twist.unit or rotor.unit)):
         return list(sensors)
     doubt = f"no unit is stated; the derivative of {twist.name} is {factor:.3g} times {rotor.name}"
-    doubt += f" less a part of {other.name}, as in {fitting[0][0]} and {fitting[0][1]}"
+    doubt += f" minus a part of {other.name}, as in {fitting[0][0]} and {fitting[0][1]}"
     new = dict(zip((id(twist), id(rotor)), fitting[0], strict=True))
     return [
         s.revised(unit=new[id(s)], doubt=doubt) if id(s) in new and not s.unit else s
@@ -191,7 +191,7 @@ def _by_twist(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
 
 
 def _with_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> Sensor:
-    """Return the sensor with a unit: its own, that of a similar column, or a guess."""
+    """Return the sensor with a unit: its own, the unit of a similar sensor, or a guess."""
     meaning = sensor.column.meaning
     if sensor.unit:
         source = signals.GIVEN_REASON if meaning.is_given else "by its header"
@@ -204,7 +204,7 @@ def _with_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> Sensor:
                 return sensor.revised(unit=other.unit, doubt=doubt)
     unit, reason = _guess_unit(sensor, sensors, dt)
     if sensor.kind == "angle" and np.array_equal(sensor.raw.x, np.round(sensor.raw.x)):
-        reason += ". All are whole numbers: if an encoder counts them, write count/N for N a turn"
+        reason += ". All values are whole: if an encoder counts N steps a turn, write count/N"
     return sensor.revised(unit=unit, doubt=f"no unit is stated; {unit}, {reason}", guessed=True)
 
 
@@ -221,7 +221,7 @@ def _guess_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> tuple[s
         case "speed":
             return "rpm" if size > FAST_SPEED else "rad/s", by_size
         case "angle" if counted := signals.counted_unit(sensor.values):
-            return counted, "in which its steps make a round number for one turn"
+            return counted, "in which one turn has a round number of steps"
         case "angle" if _outruns_motor(sensor, sensors, dt):
             return "deg", "because in rad it would turn further than the motor before the gear"
         case "angle":

@@ -1,4 +1,4 @@
-"""Treat columns as signals: find the time, the used rows and sensors, and relations between signals."""
+"""Find the time, the rows to use and the sensors in columns, and relations between signals."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from bayesdrill.record.regression import integral, linear_fit
 
 TYPICAL_RATE = 300.0  # Hz; the geometric centre of usual sampling rates
 GIVEN_REASON = "as `--columns` says"
-REVERSAL_RATIO, CLEAR_REVERSAL_RATIO = 0.1, 0.3  # smaller over larger extent of a signal
-MAX_DEAD_SAMPLES, N_PAST, MAX_ROWS = 10, 3, 20_000  # largest delay, past samples, used rows
-STRIDES, MIN_BLOCKS = (1, 2, 4, 8), 100  # samples of a mean, and least means for a delay
-MAX_RESIDUAL_RATIO = 0.64  # residual of a speed with the delayed input over that without delay
+REVERSAL_RATIO, CLEAR_REVERSAL_RATIO = 0.1, 0.3  # smaller / larger extent about zero
+MAX_DEAD_SAMPLES, N_PAST, MAX_ROWS = 10, 3, 20_000  # largest delay, past samples, rows to use
+STRIDES, MIN_BLOCKS = (1, 2, 4, 8), 100  # samples per block mean, least number of blocks
+MAX_RESIDUAL_RATIO = 0.64  # largest ratio of residual variances with and without a delay
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +48,7 @@ class Timing:
 
 
 def find_time(columns: Sequence[FileColumn], rate: float = 0.0, given: float = 0.0) -> Timing:
-    """Return the timing of the `given` rate [Hz], of a time column, of `rate` [Hz], or of 100 Hz."""
+    """Return the timing from the first known of `given` [Hz], time column, `rate` [Hz], 100 Hz."""
     indices = np.arange(len(columns[0].values))
     if given:
         return Timing(indices / given, None, "s", "as given")
@@ -60,8 +60,8 @@ def find_time(columns: Sequence[FileColumn], rate: float = 0.0, given: float = 0
             doubt = "no column is named as a time; this one grows in equal steps"
             return _timing(column, "", doubt)
     if rate:
-        why = "found from an angle and its speed"
-        return Timing(indices / rate, None, "s", why, "found, not read")
+        doubt = "no column is a time; the rate follows from an angle and its speed"
+        return Timing(indices / rate, None, "s", "", doubt)
     doubt = "no column is a time; 100 samples a second are a guess: use `--rate`, or write your own [Hz]"
     return Timing(indices / 100.0, None, "s", "", doubt)
 
@@ -78,24 +78,24 @@ def _timing(column: FileColumn, why: str, doubt: str = "") -> Timing:
 
 
 def _mostly_increases(values: Array) -> bool:
-    """Return whether at least nine of ten steps are positive; other rows are cut off later."""
+    """Return whether over 90 % of the steps are positive; other rows are cut off later."""
     steps = np.diff(values[np.isfinite(values)])
     return len(steps) > 0 and float(np.mean(_are_time_steps(steps))) > 0.9
 
 
 def _are_time_steps(steps: Array) -> Flags:
-    """Return which steps can be those of a time, in any unit."""
+    """Return a mask of the steps that are plausible for a time in any unit."""
     return np.asarray((steps > 1 / MAX_NUMBER) & (steps < MAX_NUMBER))
 
 
-LONG_GAP = 10.0  # median steps; nothing is interpolated over a longer gap
-EVEN_GRID_TOLERANCE = 0.01  # relative deviation from the median step
-WINDOW_SLACK = 1e-9  # relative excess of a window over its times
+LONG_GAP = 10.0  # in median steps; longer gaps are not interpolated
+EVEN_GRID_TOLERANCE = 0.01  # largest relative deviation of a step from the median step
+WINDOW_SLACK = 1e-9  # excess of a window beyond its ends, relative to the largest time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """A segment is the used `rows` and their times `t (T,)` [s]; `is_cut` if others are cut off."""
+    """A segment has the used `rows` and their times `t (T,)` [s]; `is_cut` if rows are cut off."""
 
     rows: slice
     t: Array
@@ -138,7 +138,7 @@ def _unambiguous_rows(t: Array, rows: slice) -> slice:
 
 
 def _longest_run(joined: Flags) -> slice:
-    """Return the longest run of rows, where `joined (T - 1,)` links each row to the next."""
+    """Return the longest run of rows; `joined (T - 1,)`: whether a row continues with the next."""
     runs = anomalies.spans(joined)
     if not len(runs):
         return slice(0, 0)
@@ -146,19 +146,19 @@ def _longest_run(joined: Flags) -> slice:
     return slice(int(runs.first[best]), int(runs.last[best]) + 2)
 
 
-FACTOR_TOLERANCE = 0.15  # error of the logarithm of a derivative's factor
-EXPLAINED_SHARE = 0.98  # share of an angle's variance that its speed has to explain
+FACTOR_TOLERANCE = 0.15  # largest error of the logarithm of a derivative's factor
+EXPLAINED_SHARE = 0.98  # least fraction of an angle's variance that its speed explains
 
 
 def explained(y: Array, *causes: Array) -> tuple[list[float], float]:
-    """Fit `y (T,)` by causes `(T,)` and a constant; return their factors and the explained variance."""
+    """Fit `y (T,)` by causes `(T,)` and a constant; return factors, explained variance fraction."""
     factors, remaining = linear_fit(y, causes)
     total = float(np.var(y))
     return factors[:-1].tolist(), 1 - remaining / total if total > 0 else 0.0
 
 
 def explained_by(y: Array, cause: Array) -> tuple[float, float]:
-    """Fit a centred `y (T,)` by a centred `cause (T,)`; return its factor and explained variance."""
+    """Fit centred `y (T,)` by centred `cause (T,)`; return factor, explained variance fraction."""
     # In `y @ cause` BLAS would start threads, which cost far more than the sum.
     pairs = ((y, y), (cause, cause), (y, cause))
     total, square, both = (float(np.einsum("i,i", *pair)) for pair in pairs)
@@ -168,7 +168,7 @@ def explained_by(y: Array, cause: Array) -> tuple[float, float]:
 
 
 def units_by_factor(factor: float, angle: str, speed: str) -> list[tuple[str, str]]:
-    """Return the pairs of units of angle and speed that fit a factor; "" is an unknown unit."""
+    """Return the unit pairs (angle, speed) that fit a factor; "" stands for an unknown unit."""
     pairs = itertools.product(("rad", "deg"), ("rad/s", "deg/s", "rpm"))
     known = [p for p in pairs if factor and angle in ("", p[0]) and speed in ("", p[1])]
     errors = [abs(math.log(abs(factor) / derivative_factor(*pair))) for pair in known]
@@ -176,21 +176,21 @@ def units_by_factor(factor: float, angle: str, speed: str) -> list[tuple[str, st
 
 
 def derivative_factor(angle: str, speed: str) -> float:
-    """Return the angle's units per second in one unit of the speed."""
+    """Return one speed unit in angle units per second: 6 for a speed in rpm and an angle in deg."""
     return units.factor(speed, "rad/s") / units.factor(angle, "rad")
 
 
 def ratio(over: Array, under: Array) -> float:
-    """Return the ratio of two proportional angles `(T,)`; NaN if `under` does not move."""
+    """Return over / under for proportional angles `(T,)`; NaN if `under` does not move."""
     first, second = over - over[0], under - under[0]
     square = float(second @ second)
     return float(first @ second) / square if square > 0 else math.nan
 
 
 def ratio_through_shaft(over: Array, rotor: Array, dt: float) -> float:
-    """Return the ratio of an angle before the shaft to that of rotor 1, which swings behind it.
+    """Return the ratio of the angle `over` before the shaft to the angle `rotor` behind the shaft.
 
-    The former is `rotor` plus a multiple of its acceleration; both are integrated twice to avoid noise.
+    The model is over = ratio * rotor + c * d2 rotor / dt2, integrated twice because of noise.
     """
     upper, lower = (integral(integral(x - x[0], dt), dt) for x in (over, rotor))
     factors, _ = explained(upper, lower, rotor, integral(np.ones(len(rotor)), dt))
@@ -198,7 +198,7 @@ def ratio_through_shaft(over: Array, rotor: Array, dt: float) -> float:
 
 
 def differenced(angle: Array, speed: Array, t: Array) -> bool:
-    """Return whether the speed is no measurement, but differences of the angle; all are `(T,)`."""
+    """Return whether the speed was computed by differences of the angle; all arrays are `(T,)`."""
     rough = np.diff(speed[1:-1], 2)
     if len(rough) < 3 or not np.any(rough):
         return False
@@ -207,14 +207,14 @@ def differenced(angle: Array, speed: Array, t: Array) -> bool:
 
 
 def step(values: Array) -> float:
-    """Return the step between levels of a counted or rounded signal; 0 if it has none."""
+    """Return the step between levels of a counted or rounded signal; 0 for a constant signal."""
     gaps = np.diff(np.unique(values))
     gaps = gaps[gaps > 1e-9 * float(np.ptp(values))]
     return float(np.mean(gaps[gaps < 1.5 * gaps.min()])) if len(gaps) else 0.0
 
 
 def counted_unit(angle: Array) -> str:
-    """Return the unit in which the steps of an encoder divide a turn evenly; empty if there is none."""
+    """Return the unit in which one turn has a round number of encoder steps; else an empty text."""
     count = step(angle)
     if count == 0 or abs(math.log10(count) - round(math.log10(count))) < 1e-6:  # rounded numbers
         return ""
@@ -230,15 +230,15 @@ def counted_unit(angle: Array) -> str:
 
 
 def coarse_step(values: Array) -> float:
-    """Return the step of a signal with few levels; 0 if at least half of its samples differ."""
+    """Return the step of a signal with few levels; 0 if levels are at least half of the samples."""
     return step(values) if len(np.unique(values)) < 0.5 * len(values) else 0.0
 
 
 def noise(values: Array) -> float:
     """Estimate the standard deviation of the noise of `values (T,)` by their differences.
 
-    It is at least that of rounding to the last digit. Differences of higher order contain less of the
-    signal, so the smallest estimate is taken.
+    The result is at least the sd of rounding. Differences of orders 2 to 5 are tried: since higher
+    orders contain less of the signal, the smallest estimate is taken.
     """
     estimates = []
     for order in (2, 3, 4, 5):
@@ -252,9 +252,9 @@ def noise(values: Array) -> float:
 
 TURNS = ("angle", "speed")  # kinds of sensors that show a rotation
 TURN = {"deg": 360.0, "rad": 2 * math.pi, "revolution": 1.0}
-COUNTER_BITS = (12, 14, 16, 24, 32)
+COUNTER_BITS = (12, 14, 16, 24, 32)  # of encoder counters that may overflow
 WRAPPED_SHARE = 0.9  # smallest range of a wrapped angle, in periods
-WRAPPED_STEP = 4.0  # largest step where a wrapped angle begins again, over the typical step
+WRAPPED_STEP = 4.0  # largest unwrapped step at a wrap, relative to the typical step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -264,7 +264,7 @@ class RawSamples:
     t: Array
     x: Array
     n_missing: int = 0
-    glitches: tuple[tuple[float, float], ...] = ()  # first and last time of each, s
+    glitches: tuple[tuple[float, float], ...] = ()  # first and last time of each glitch [s]
     wrap_period: float = 0.0  # 0 if the signal does not wrap
 
 
@@ -280,7 +280,7 @@ class Sensor:
     raw: RawSamples
     why: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
-    guessed: bool = False  # the unit follows from size or words alone
+    guessed: bool = False  # the unit follows only from magnitude or words
 
     @property
     def name(self) -> str:
@@ -295,7 +295,7 @@ class Sensor:
 
     @property
     def noise(self) -> float:
-        """Return the sd of the noise, in the column's unit; a coarse speed has that of a difference."""
+        """Return the noise's sd in the column's unit; at least step / sqrt(6) for coarse speeds."""
         steps = coarse_step(self.raw.x) / math.sqrt(6) if self.kind == "speed" else 0.0
         return max(noise(self.raw.x), steps)
 
@@ -309,7 +309,7 @@ class Sensor:
         return self.si if self.kind == "angle" else integral(self.si, dt)
 
     def revised(self, *, why: str = "", doubt: str = "", **changes: Any) -> Sensor:
-        """Return a copy with another reason or doubt, and with other changes."""
+        """Return a copy with an additional reason or doubt, and with changed fields."""
         return dataclasses.replace(
             self,
             why=(*self.why, why) if why else self.why,
@@ -321,7 +321,7 @@ class Sensor:
 def read_sensors(
     columns: Sequence[FileColumn], segment: Segment
 ) -> tuple[list[Sensor], dict[str, str]]:
-    """Return the usable columns but the time as their heads describe them, and why others are unused."""
+    """Return the usable columns as sensors that headers describe, and why others are unused."""
     unused = {c.name: why for c in columns if (why := _why_unusable(c, segment.rows))}
     usable = [column for column in columns if column.name not in unused]
     jumped = input_jumps(usable, segment)
@@ -329,11 +329,11 @@ def read_sensors(
     return [_without_swings(sensor, sensors, segment) for sensor in sensors], unused
 
 
-MAX_DEPARTURE = 1.5  # departure of other channels during a glitch, over the typical one
+MAX_DEPARTURE = 1.5  # largest departure of another channel during a glitch / typical departure
 
 
 def _without_swings(sensor: Sensor, others: Sequence[Sensor], segment: Segment) -> Sensor:
-    """Return the sensor without long glitches during which another channel departs, too."""
+    """Return the sensor; a long glitch is deleted from its list if another channel departs, too."""
     channels = [o.values for o in others if o is not sensor and o.kind in (*TURNS, "current")]
 
     def alone(begin: float, end: float) -> bool:
@@ -359,7 +359,7 @@ def read_sensor(
 ) -> Sensor:
     """Return a column as a sensor, without glitches and unwrapped.
 
-    `jumped (T,)` marks rows at which a voltage jumps; `kind` and `unit` replace those of the head.
+    `jumped (T,)` marks rows at which a voltage jumps; `kind` and `unit` replace the header's.
     """
     kind, unit = kind or column.meaning.kind, unit or column.meaning.unit
     values = column.values[segment.rows]
@@ -384,7 +384,7 @@ def read_sensor(
 
 
 def _wrap_period(x: Array, unit: str) -> tuple[float, str]:
-    """Return the period after which an angle begins again, and the unit of a turn; 0 if it does not."""
+    """Return the period with which an angle wraps, and its unit; the period is 0 without wraps."""
     periods = [(turn, name) for name, turn in TURN.items() if unit in ("", name)]
     if unit.startswith("count"):
         counts = [2 * math.pi / units.factor(unit, "rad"), *(2.0**bits for bits in COUNTER_BITS)]
@@ -408,12 +408,12 @@ def _why_unusable(column: FileColumn, rows: slice) -> str:
     numbers = values[np.isfinite(values)]
     second = "another column is the time already, or it does not increase"
     largest, same = np.abs(numbers).max(initial=0.0), not np.diff(numbers).any()
-    other = f'does not say how far one of it turns; use --columns "{column.command}=theta_2 '
-    other += '[count/2800]" for 2800 counts a turn, or "x_cart [count/(560/cm)]" of a scale'
+    other = f'has no known angle or length; use --columns "{column.command}=theta_2 '
+    other += '[count/2800]" for 2800 counts a turn, or "x_cart [count/(560/cm)]" for a linear scale'
     if kind not in TURNS:
         other = "is none of time, angle, speed, voltage, current or torque"
     if unit == "%" and kind in DRIVES:
-        other = f"is a share of the rated {kind}; look that up, and say it: a torque by "
+        other = f"is a share of the rated {kind}; look up its value, and give a torque by "
         other += f'--columns "{column.command}=t_m [% of 9.84 mN*m]", a current by "i [% of 1.2 A]"'
     checks = (
         (unit, f"has the unit {unit!r}, which {other}"),
@@ -433,7 +433,7 @@ def _why_unusable(column: FileColumn, rows: slice) -> str:
 
 
 def reverses(sensor: Sensor, share: float = REVERSAL_RATIO) -> bool:
-    """Return whether a drive or motion reverses, by at least the `share` of its larger side."""
+    """Return whether a drive or motion reverses: smaller / larger extent about zero > `share`."""
     x, stride = sensor.raw.x, max(1, len(sensor.raw.x) // 200)
     if sensor.kind in ("angle", "position"):
         x = x[stride:] - x[:-stride]
@@ -444,10 +444,10 @@ def reverses(sensor: Sensor, share: float = REVERSAL_RATIO) -> bool:
 def dead_samples(
     channels: Sequence[Sensor], inputs: Sequence[Sensor], *, rigid: bool
 ) -> tuple[int, int]:
-    """Return by how many samples the first speed follows the first input, and to how many that is known.
+    """Return the delay of the first speed after the first input, and its resolution, in samples.
 
-    Both are 0 if it is not clear. Without a speed, differences of the first angle are taken. Noise hides
-    a delay that is long beside the step. For a `rigid` drive, means of several samples show it.
+    Both are 0 if no delay is clear. Without a speed, differences of the first angle are used. Noise
+    hides a delay of many samples, so for a `rigid` drive means of several samples are tried, too.
     """
     speeds = [sensor.values for sensor in channels if sensor.kind in ("speed", "velocity")]
     angles = [s for s in channels if s.kind in ("angle", "position") and s.location != TWIST]
@@ -473,6 +473,6 @@ def dead_samples(
 
 
 def is_plausible(values: Array) -> bool:
-    """Return whether all numbers are small enough, or zero, and large enough to be squared."""
+    """Return whether the largest magnitude is zero, or from 1 / `MAX_NUMBER` to `MAX_NUMBER`."""
     largest = float(np.abs(values).max(initial=0.0))
     return largest == 0 or 1 / MAX_NUMBER < largest < MAX_NUMBER

@@ -1,8 +1,8 @@
-"""Describe a train by its columns: an inertia for each angle, shafts between them, drives.
+"""Derive a train from its columns: an inertia for each angle, shafts between inertias, drives.
 
-Columns have the symbols of the train: `theta_motor`, `w_load`, `x_cart`, `v_cart`, and for inputs
-`i_motor`, `u_motor`, `t_motor`, `f_cart`, and of a servo `goal_motor` and `supply_motor`. A record
-with several angles and a current is one of a train even if nobody names its columns.
+Columns have the symbols of the train as names: `theta_motor`, `w_load`, `x_cart`, `v_cart`; inputs
+are `i_motor`, `u_motor`, `t_motor`, `f_cart`, and for a servo `goal_motor` and `supply_motor`. Even
+without such names, a record with several angles and a current is taken as the record of a train.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LOCATIONS = {MOTOR: "motor", GEARBOX: "gearbox", ROTOR: "load"}
 
 
 def is_train(sensors: Sequence[Sensor], rig: Model) -> bool:
-    """Return whether a train is asked for, or several angles and a current suggest one."""
+    """Return whether the user asks for a train, or several angles and a current suggest a train."""
     if rig.has_private_names or any(map(_symbol, sensors)):
         return True
     kinds = [sensor.kind for sensor in sensors]
@@ -46,7 +46,7 @@ def _is_called(letter: str, sensor: Sensor) -> bool:
 
 
 def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
-    """Assign sensors to the channels and inputs of a train that they describe."""
+    """Assign sensors to the channels and inputs of the train that these sensors describe."""
     moving = [s for s in sensors if s.kind in MOTIONS and not _is_called("goal", s)]
     names = _names(moving)
     inertias = [*dict.fromkeys(names[id(sensor)] for sensor in moving)]
@@ -84,7 +84,7 @@ def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
 
 
 def _names(moving: Sequence[Sensor]) -> dict[int, str]:
-    """Return the name of each sensor's inertia, by the sensor's id: as given, or by its location."""
+    """Map the id of each sensor to the name of its inertia: as given, or from the location."""
     names, counts = dict[int, str](), Counter[str]()
     for sensor in moving:
         match = _symbol(sensor)
@@ -100,7 +100,7 @@ def _inputs(
     channels: dict[str, DraftChannel],
     unused: dict[str, str],
 ) -> tuple[dict[str, Sensor], dict[str, Any]]:
-    """Return measured inputs, and the drive of each inertia; a current is a channel beside a voltage."""
+    """Return the inputs, and each inertia's drive; a current with a voltage becomes a channel."""
     inputs: dict[str, Sensor] = {}
     drives: dict[str, Any] = {}
     for letter, sensor in itertools.product(("goal", "supply"), sensors):
@@ -147,7 +147,7 @@ HELD_SCALE = (
 
 
 def held_scales(rig: Model, sensors: Sequence[Sensor]) -> set[str]:
-    """Return the parameters that only scale all others; each is held at one."""
+    """Return the motor parameters that only scale all other parameters, and are held at one."""
     motors = rig.roles.motors
     held = {name for m in motors for name in (m.torque_constant, m.supply, m.duty)}
     if not any(sensor.kind == "current" for sensor in sensors):

@@ -1,6 +1,6 @@
 """Read records: files of every format (`formats/`) become one `Experiment` in SI.
 
-`clocks` handles times, and `anomalies` finds samples that the sensor made. Nothing here depends on
+`clocks` handles times, and `anomalies` finds errors of sensors. Nothing here depends on
 a rig, an unknown or a config.
 """
 

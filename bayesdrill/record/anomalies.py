@@ -1,10 +1,10 @@
 """Find errors of sensors: spikes, stuck or clipped values, wraps, and speeds from differences.
 
-In a spike, the values leave the course of the signal and return within a few samples, about as
-fast. Spikes of up to three samples are compared with the chord between their neighbours. Longer
-spikes are compared with a running median, which keeps steps and follows ramps. A spike has to be
-far higher than other departures around it, as regular pulses, peaks of a swing and steps of quantised
-speeds are not. A departure right after a jump of an input is motion of the rig.
+In a spike, a signal departs and returns within a few samples, with similar slopes. Spikes of up to
+three samples are compared with the chord between their neighbours, and longer spikes with a running
+median, which keeps steps and follows ramps. A spike has to be far higher than other departures
+around it, unlike regular pulses, peaks of a swing or steps of quantised speeds. A departure right
+after a jump of an input is no spike, but motion of the rig.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.record.regression import linear_fit
 
 MAX_SHORT_SPIKE = 3  # longest spike, in samples, that is compared with a chord
-MAX_LONG_SPIKES = (6, 20)  # in samples; each length has a running median of its own width
+MAX_LONG_SPIKES = (6, 20)  # longest spikes, in samples, for two running medians
 
 # Thresholds beyond which a departure is a spike.
 MIN_SPIKE_SDS = 2.0  # height of a short spike, in sds of the channel
-SWING_WINDOW = 6  # in lengths of a long spike; within this window a swing reaches the other side
-MIN_DEPARTURE = 5.0  # ratio of a short spike's height to departures around it
+SWING_WINDOW = 6  # samples on either side in which a swing is sought, in lengths of a long spike
+MIN_DEPARTURE = 5.0  # least ratio of a short spike's height to departures around it
 AROUND_SPIKE = 60  # samples on either side whose departures are compared with a spike
 AROUND_QUANTILE = 0.95  # quantile of these departures, since they may include other spikes
-MIN_LONG_DEPARTURE = 6.0  # ratio of a long spike's height to the typical departure
+MIN_LONG_DEPARTURE = 6.0  # least ratio of a long spike's height to the typical departure
 TYPICAL_QUANTILE = 0.9  # quantile of departures that is called typical
-MAX_SLOPE_RATIO = 3.0  # ratio of the slopes on the way out and back
-MAX_SWING = 0.3  # relative height on the other side, beyond which a spike is an oscillation
-MAX_RETURN_ERROR = 0.35  # largest relative distance of the value after a spike from that before it
-INPUT_JUMP = 0.2  # relative change of an input in one step that is a jump
-MAX_JUMP_SHARE = 0.1  # share of samples with jumps above which jumps explain no spike
+MAX_SLOPE_RATIO = 3.0  # largest ratio of the slopes on the way out and back
+MAX_SWING = 0.3  # ratio of the opposite peak to a spike, above which both are an oscillation
+MAX_RETURN_ERROR = 0.35  # largest ratio of (value after - value before) to a spike's height
+INPUT_JUMP = 0.2  # least change of an input in one step that is a jump, relative to its range
+MAX_JUMP_SHARE = 0.1  # fraction of samples with jumps above which jumps explain no spike
 MIN_SAMPLES = 60  # fewer samples are not searched for spikes
 MIN_STUCK_RUN = 10  # least number of equal samples
-MAX_ZERO_STEPS = 0.05  # share of steps that may be zero in a channel that has noise
+MAX_ZERO_STEPS = 0.05  # largest fraction of zero steps in a channel that has noise
 MIN_CLIPPED_RUN = 3  # least number of samples of a run at an end of the range
 MIN_CLIPPED_SAMPLES = 10  # least number of samples of all such runs
-MIN_CLIPPED_STEP = 2.5  # least step before a run, in digits; a signal is slower where it turns
+MIN_CLIPPED_STEP = 2.5  # least step before a run / last digit; steps are smaller at a peak
 WRAP_MARGIN = 0.1  # in periods: a jump this near to half a period has no clear direction
 FILTER_REACH = 3  # samples on either side that a filter may use
-STRETCH = 1 << 20  # number of samples that are searched at once
-OVERLAP = 4096  # number of additional samples on either side of a stretch
+STRETCH = 1 << 20  # number of samples in a part that is searched at once
+OVERLAP = 4096  # number of additional samples on either side of such a part
 MAX_NUMPY_MEDIAN = 10_000  # for fewer samples NumPy is faster than importing SciPy's median
 
 
@@ -82,8 +82,8 @@ def spikes(
 ) -> Spans:
     """Find spikes in finite `x (T,)`; `caused (T,)` marks samples at which an input has just jumped.
 
-    With `wide`, spikes of more than two samples count; in an input, these may be intended. With
-    `inert`, no input can move `x` there and back within `MAX_SHORT_SPIKE` samples.
+    With `wide`, spikes of more than two samples count; in an input, such pulses may be intended.
+    With `inert`, jumps of inputs explain no spike of up to `MAX_SHORT_SPIKE` samples.
     """
     mask = np.zeros(len(x), dtype=np.bool_)
     if len(x) < MIN_SAMPLES:
@@ -99,7 +99,7 @@ def spikes(
 
 
 def _spike_mask(x: Array, caused: Flags, *, wide: bool, inert: bool) -> Flags:
-    """Return a mask `(T,)` of the samples of a stretch `x (T,)` that are in spikes."""
+    """Return a mask `(T,)` of the samples of a part `x (T,)` that are in spikes."""
     mask = np.zeros(len(x), dtype=np.bool_)
     for width in range(1, MAX_SHORT_SPIKE + 1 if wide else MAX_SHORT_SPIKE):
         mask |= _short_spikes(x, width, caused & (not inert))
@@ -162,7 +162,7 @@ def _running_median(x: Array, size: int) -> Array:
 
 
 def _short_spikes(x: Array, width: int, caused: Flags) -> Flags:
-    """Mark runs `(T,)` of `width` samples that all leave their chord to the same side."""
+    """Mark runs `(T,)` of `width` samples that are far on one side of their neighbours' chord."""
     departure = _chord_departure(x, width)
     height = np.maximum(np.maximum(departure.min(axis=0), -departure.max(axis=0)), 0.0)
     min_height = max(MIN_SPIKE_SDS * float(np.std(x)), MIN_DEPARTURE * _median_step(x))
@@ -190,7 +190,7 @@ def _chord_departure(x: Array, width: int) -> Array:
 
 
 def leaves_chord(x: Array, first: int, last: int) -> float:
-    """Return the distance of samples `first` to `last` from their chord, over the typical distance."""
+    """Return the distance of samples `first` to `last` from their chord, in typical distances."""
     if first < 1 or last > len(x) - 2:
         return 0.0
     departure = np.abs(_chord_departure(x, last - first + 1)).max(axis=0)
@@ -225,7 +225,7 @@ def _spikes(x: Array, longest: int, caused: Flags) -> Flags:
 
 
 def _foot(away: Array, peak: int, typical: float, longest: int) -> tuple[int, int]:
-    """Return the first and the last sample around `peak` with an untypical departure."""
+    """Return first and last sample of the run around `peak` with departures above the `typical`."""
     begin = end = peak
     while begin > 0 and away[begin - 1] > typical and peak - begin <= 2 * longest:
         begin -= 1
@@ -253,9 +253,9 @@ def _is_spike(x: Array, away: Array, at: tuple[int, int, int], longest: int) -> 
     )
 
 
-MAX_NOISE_RATIO = 0.02  # ratio of a speed's residuals, predicted from angle steps and from its past
-MIN_DIFFERENCED_SAMPLES = 50
-MAX_FILTER_POLE = 0.95  # weight of a filter's last value; at 1 the filter would be a sum
+MAX_NOISE_RATIO = 0.02  # largest ratio of a speed's residual sds with / without angle steps
+MIN_DIFFERENCED_SAMPLES = 50  # fewer samples do not show differences
+MAX_FILTER_POLE = 0.95  # largest weight of a filter's last value; 1 would be an integrator
 
 
 def ambiguous(x: Array, period: float) -> Indices:
@@ -277,7 +277,7 @@ def held_speeds(x: Array, t: Array) -> Array:
 
 
 def integrate_speeds(w: Array, t: Array, begin: float) -> Array:
-    """Return the angle `(T,)` of speeds `w (T,)` that are held after each sample."""
+    """Return the angle `(T,)`, from `begin`, of speeds `w (T,)` that are held after each sample."""
     return np.concatenate([[begin], begin + np.cumsum(w[:-1] * np.diff(t))])
 
 
@@ -289,7 +289,7 @@ def quotients(x: Array, t: Array) -> dict[str, Array]:
 
 
 def nearest_quotient(x: Array, w: Array, t: Array) -> tuple[str, float]:
-    """Return the name of the difference quotient of `x` nearest to `w (T,)`, and the distance."""
+    """Return the name of the difference quotient of `x` nearest to `w (T,)`, and its distance."""
     middle = w[1:-1]
     size = float(np.sqrt(np.mean(middle**2))) or 1.0
     mismatch = {
@@ -303,7 +303,7 @@ def nearest_quotient(x: Array, w: Array, t: Array) -> tuple[str, float]:
 def differenced(x: Array, w: Array, dt: float) -> bool:
     """Return whether `w (T,)` consists of (filtered) differences of `x` and was not measured.
 
-    A measured `w`, predicted from its past, has a residual that recent steps of `x` do not explain.
+    A measured `w`, predicted from its past, has a residual that steps of `x` nearby do not explain.
     """
     if len(x) < MIN_DIFFERENCED_SAMPLES or not np.any(np.diff(w)):
         return False

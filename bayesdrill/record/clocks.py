@@ -11,7 +11,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Counts, Indices
 from bayesdrill.record.experiment import STEP_TOLERANCE, is_even
 
-SAME_TIME = 1e-9  # in steps: closer times are the same
+SAME_TIME = 1e-9  # in steps: times that differ by less are treated as equal
 MAX_SPARSITY = 10  # largest number of grid points per sample; a finer grid would fit any times
 
 
@@ -30,7 +30,7 @@ class SampleGrid:
 
 
 def grid(t: Array) -> SampleGrid | None:
-    """Return the even grid with points within `STEP_TOLERANCE` steps of times `t (T,)`, or None."""
+    """Return the even grid that is within `STEP_TOLERANCE` steps of all times `t (T,)`, or None."""
     if len(t) < 3:
         return None
     steps, centre = np.diff(t), t.mean()
@@ -92,7 +92,7 @@ def union(clocks: Sequence[Array]) -> Array:
 
 
 def crowded_time(t: Array, clocks: Sequence[Array]) -> float:
-    """Return a time of the `union` `t` whose successor is far less than a step away, or NaN."""
+    """Return the first time in a union `t` that is far less than a step before the next, or NaN."""
     close = np.flatnonzero(np.diff(t) < STEP_TOLERANCE * min(map(median_step, clocks)))
     return float(t[close[0]]) if len(close) else math.nan
 
@@ -124,14 +124,14 @@ def hold_input(t: Array, clock: Array, values: Array, *, first_order: bool) -> A
     return np.asarray(values[np.maximum(last, 0)], dtype=np.float64)
 
 
-TAPS_PER_FACTOR = 20  # length of the filter minus 1, over the factor
-CUTOFF_SHARE = 0.8  # frequency of half the amplitude, over the new Nyquist frequency
-KAISER_BETA = 8.0  # gain 1 (to 1e-5) below 0.5 and < 1e-4 above 1.2 of the new Nyquist frequency
+TAPS_PER_FACTOR = 20  # (length of the filter - 1) / factor
+CUTOFF_SHARE = 0.8  # frequency of half the amplitude / new Nyquist frequency
+KAISER_BETA = 8.0  # gain 1 (to 1e-5) below 0.5, < 1e-4 above 1.2 times the new Nyquist frequency
 
 
 @dataclass(frozen=True, slots=True)
 class DecimatedSignals:
-    """Decimated signals are `y (n, K)` at `samples (n,)`; `removed (K,)` is the sd filtered out."""
+    """Decimated signals are `y (n, K)` at `samples (n,)`; `removed (K,)`: sds of what is lost."""
 
     y: Array
     samples: Indices

@@ -1,4 +1,4 @@
-"""Define an experiment: one record with inputs and start, in SI, which is checked only once."""
+"""Define an experiment: a record in SI with its inputs and initial state, checked only once."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from bayesdrill.basics.errors import InputError, Issue, count_noun
 from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.basics.units import SECOND, Unit
 
-EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # range of present day numbers of Excel and MATLAB
-MAX_REPEATED_TIMES = 0.1  # share of zero steps above which times have too few digits
+EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # range of Excel's and MATLAB's numbers for recent days
+MAX_REPEATED_TIMES = 0.1  # fraction of zero steps above which times have too few digits
 MAX_VALUE = 1e40  # allows 9.91e37, SCPI's NaN, which may be masked as a glitch
 STEP_TOLERANCE = 1e-3  # relative deviation of a time step from the median one
 
@@ -24,7 +24,7 @@ STEP_TOLERANCE = 1e-3  # relative deviation of a time step from the median one
 class Channel:
     """A channel is a measured linear combination of states; `unit` is SI, `latex` without dollars.
 
-    `column` is the unit of the column in the file, if known; `factor` converts it to SI.
+    `column` is the unit of the column in the file, if known; `factor` converts this unit to SI.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """A record is written in `files`; its times and inputs are displayed in these units."""
+    """A record is read from `files`; `time` and `inputs` hold the units for display."""
 
     files: tuple[str, ...] = ()
     time: Unit = SECOND
@@ -52,14 +52,14 @@ class Written:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Anomaly:
-    """An anomaly is described by `text`; `where` lists the place of each run, and `do` is the advice."""
+    """An anomaly has a `text`, the positions `where` its samples are, and the advice `do`."""
 
     text: str
     where: tuple[str, ...]
     do: str = ""
 
     def in_words(self, most: int) -> str:
-        """Return a description with at most `most` places."""
+        """Return a description that lists at most `most` positions."""
         if not self.where:
             return f"{self.text}{self.do}"
         more_places = len(self.where) - most
@@ -71,12 +71,12 @@ class Anomaly:
 class Experiment:
     """An experiment holds a record in SI, its inputs and its start.
 
-    Times `t (T,)` of all clocks increase. Signals `y (T, K)` have a column for each channel, with NaN
-    where it was not measured. Inputs are `constant`, or a measured `series (T,)` with a first- or
-    zero-order hold. States at `t_start <= t[0]` are in `start`; others are zero. `told` lists
-    changes of the files' numbers, and `odd` their anomalies. Samples in `held_out (T, K)`, which is
-    NaN elsewhere, do not enter the likelihood. `input_steps` has each series' median step [s], or
-    `dt`.
+    Times `t (T,)` are the increasing times of all clocks. Signals `y (T, K)` have a column for each
+    channel, with NaN if a sample is missing. Inputs are `constant`, or a measured `series (T,)`
+    with a first- or zero-order hold. `start` has the states at `t_start <= t[0]`, others are zero.
+    `told` lists changes that were made to numbers of the files, and `odd` anomalies. Samples in
+    `held_out (T, K)`, which is NaN elsewhere, do not enter the likelihood. `input_steps` has the
+    median step [s] of each series; the default is `dt`.
     """
 
     t: Array
@@ -108,11 +108,11 @@ class Experiment:
 
     @property
     def uniform(self) -> bool:
-        """Return whether all steps are equal, to `STEP_TOLERANCE` of a step."""
+        """Return whether all steps are equal within `STEP_TOLERANCE` steps."""
         return is_even(self.t)
 
     def first(self, samples: int) -> Experiment:
-        """Return the experiment with only its first samples."""
+        """Return the experiment with only its first `samples` times."""
         here = slice(0, samples)
         return dataclasses.replace(
             self,
@@ -154,7 +154,7 @@ class Experiment:
 
 
 def is_even(t: Array) -> bool:
-    """Return whether steps of `t (T,)`, or distances from a grid, are equal to `STEP_TOLERANCE`."""
+    """Return whether `t (T,)` has equal steps or is on a grid, within `STEP_TOLERANCE` steps."""
     if len(t) < 3:
         return True
     step = (t[-1] - t[0]) / (len(t) - 1)
@@ -171,7 +171,7 @@ def is_even(t: Array) -> bool:
 def with_states(
     experiment: Experiment, states: Sequence[str], *, alone: bool = False
 ) -> Experiment:
-    """Return the experiment with a zero channel for each state, after its channels or `alone`."""
+    """Return the experiment with a zero channel for each state, added to others or `alone`."""
     shown = tuple(
         Channel(name=f"state {name}", weights={name: 1.0}, unit="", latex="", latex_unit="")
         for name in states
@@ -183,9 +183,9 @@ def with_states(
 
 
 def channels_first(experiment: Experiment, states: Sequence[str], shown: Array) -> Array:
-    """Return the channels of `states` with perfect sensors, then the states `shown (..., X)`.
+    """Return error-free channels, computed from the states `shown (..., X)`, followed by `shown`.
 
-    One kernel of the states thus serves any channels.
+    A kernel that computes states thus serves all channels.
     """
     with np.errstate(all="ignore"):  # a state may overflow
         channels = shown @ experiment.weights(tuple(states)).T
@@ -214,10 +214,10 @@ def check_series(
     missing: bool = False,
     instead: str = "",
 ) -> list[Issue]:
-    """Check that numbers are present and not too large, and that they vary where they have to.
+    """Check that numbers are present and not too large, and that they vary if `varying` is true.
 
-    NaN is allowed if `missing`; channels have to be `varying`. Fourth powers must stay finite.
-    Messages begin with `what`, and may end with an alternative, `instead`.
+    NaN is allowed if `missing`. The limit `MAX_VALUE` keeps fourth powers finite.
+    Messages begin with `what`; `instead` is an alternative to their advice.
     """
     bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
     beyond = np.flatnonzero(np.abs(values) > MAX_VALUE)
@@ -267,7 +267,7 @@ def _why_back(t: Array, steps: Array) -> str:
     back = steps <= 0
     if np.mean(steps == 0) > MAX_REPEATED_TIMES:
         way_out = "write time: {rate: ...} instead of the column, or export more digits"
-        why = "so many times are repeated that they have too few digits"
+        why = "many times are repeated, so they seem to be rounded to too few digits"
         return f"{why}: {way_out}{calendar_hint(t)}"
     if np.all(steps < 0):
         return "each row is earlier than the one before: turn the rows around, or check the column"
@@ -285,7 +285,7 @@ def calendar_hint(t: Array) -> str:
 
 
 def check_length(location: str, counts: Sequence[int], n_unknown: int) -> list[Issue]:
-    """Check that there are more samples than unknowns, and that a channel has a time step."""
+    """Check that there are more samples than unknowns, and that a channel has two samples."""
     if max(counts) >= 2 and sum(counts) > n_unknown:
         return []
     length = f"{count_noun(max(counts), 'sample')} of {count_noun(len(counts), 'channel')}"
@@ -294,7 +294,7 @@ def check_length(location: str, counts: Sequence[int], n_unknown: int) -> list[I
 
 
 def raise_if_any(problems: list[Issue]) -> None:
-    """Raise an `InputError` with all problems, if there is one."""
+    """Raise an `InputError` with all problems, if there are any."""
     if problems:
         raise InputError(problems)
 

@@ -10,14 +10,14 @@ from bayesdrill.basics.arrays import Array
 
 
 def integral(x: Array, steps: Array | float) -> Array:
-    """Return the trapezoidal integral `(T,)` of `x (T,)` over `steps (T - 1,)`, from zero."""
+    """Return the trapezoidal integral `(T,)` of `x (T,)` with `steps (T - 1,)`, from zero."""
     return np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) * (0.5 * steps))])
 
 
 def linear_fit(y: Array, causes: Sequence[Array]) -> tuple[Array, float]:
     """Fit `y (T,)` by `causes (T,)` and a constant, by least squares.
 
-    The result is the coefficients, with the constant last, and the variance of the residuals.
+    Returns the coefficients, with the constant last, and the variance of the residuals.
     """
     design = np.stack([*causes, np.ones(len(y))], axis=-1)
     scale = np.maximum(np.abs(design).max(axis=0), 1e-300)

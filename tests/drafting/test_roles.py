@@ -68,7 +68,7 @@ def test_an_angle_tells_a_delay_and_whole_numbers_may_be_counts(head: str, tmp_p
     angle = np.round(4096 * theta / (2 * np.pi)) if counted else theta
     draft = draft_of(write_table(tmp_path / "r.csv", {"t [s]": t, "u [V]": u, head: angle}))
     assert "The speed follows about 50 ms late" in draft["words"]
-    assert ("All are whole numbers: if an encoder counts them" in draft["words"]) == counted
+    assert ("if an encoder counts N steps a turn, write count/N" in draft["words"]) == counted
 
 
 def test_a_record_begins_moving_or_at_rest(tmp_path: Path) -> None:

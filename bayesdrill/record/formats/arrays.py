@@ -19,7 +19,7 @@ ITSELF = "save the numbers themselves in this file"
 
 
 def _add(table: RecordTable, name: str, values: np.ndarray[Any, Any]) -> None:
-    """Add a real array of one or two dimensions; list any other array as ignored."""
+    """Add a real array of one or two dimensions; enter any other array as ignored."""
     if values.dtype.kind == "c":
         table.ignored[name] = "is complex; save its real part"
     elif values.dtype.kind not in _NUMERIC:
@@ -94,7 +94,7 @@ def datasets(
     """Yield names and items of an HDF5 file that are `used`; None stands for all.
 
     Messages use the noun `called` for groups. If `unfit(name, item)` returns a reason, the item is
-    ignored and `table` keeps the reason. Names that begin with `hidden` are the writer's own.
+    ignored and `table` keeps the reason. Names that begin with `hidden` are skipped.
     """
     import h5py
 
@@ -117,7 +117,7 @@ def datasets(
                 else:
                     table.unread.append(name)
             elif (address := h5py.h5o.get_info(item.id).addr) in groups:
-                table.ignored[name] = f"is a second name of the same {called}; give the first"
+                table.ignored[name] = f"is a second name of the same {called}; give the first name"
             else:
                 groups.add(address)
                 yield from below(item, f"{name}{separator}")
@@ -134,7 +134,7 @@ def _unfit_dataset(item: Any) -> str:
     if item.is_virtual or item.external:
         return f"has its numbers in other files; {ITSELF}"
     if missing := _filters_missing(item):
-        return f"is compressed by {missing}, which is not here; save it with gzip, or plain"
+        return f"is compressed by {missing}, which is not installed; save it with gzip, or plain"
     if item.shape is None:
         return "is empty"
     if h5py.check_string_dtype(item.dtype) is not None or item.dtype.kind == "S":
@@ -190,11 +190,11 @@ def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
 
 
 def _unfit_array(name: str, file: zipfile.ZipFile, member: str) -> str:
-    """Return the reason why an array, by its header, holds no plain numbers, or an empty text."""
+    """Read an array's header, and return why the array cannot be read; empty for plain numbers."""
     with file.open(member) as stream:
         version: Any = np.lib.format.read_magic(stream)
         if version not in _HEADERS:
-            return "has names of fields beyond Latin letters; save plain arrays"
+            return "has field names with letters beyond Latin-1; save plain arrays"
         shape, _, dtype = _HEADERS[version](stream)
     if dtype.hasobject:
         why = "holds Python objects, which are never opened, as they can run code"

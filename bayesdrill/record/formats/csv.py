@@ -56,7 +56,7 @@ _NUMBER = r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?"
 _KINDS: tuple[tuple[str, str], ...] = (
     (
         r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}([ T].*)?|.*\d{1,2}:\d{2}(:\d{2}.*)?",
-        "dates and times of day are not read: save seconds since the start, or say "
+        "dates and times of day are not read: save seconds since the start, or write "
         "time: {rate: ...} instead of the column",
     ),
     (
@@ -71,7 +71,7 @@ _KINDS: tuple[tuple[str, str], ...] = (
     (rf"{_NUMBER}\s*(#|%|//).+", "a comment needs a line of its own: remove it"),
     (
         rf"{_NUMBER}\s*%",
-        "percent signs are not read: remove them, and give the unit of a percent",
+        "percent signs are not read: remove them, and give a unit such as % of 1.2 A",
     ),
     (
         rf"{_NUMBER}\s*[a-zA-Z\u00b0\u00b5\u03bc][^\s\d]*",
@@ -97,7 +97,7 @@ _POWER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d+")  # Fortran's exponent
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextLines:
-    """The lines with content have numbers from 1, and may have a `comment` before them."""
+    """Lines with content have `numbers` from 1; `comment` is the last comment before them."""
 
     path: Path
     texts: list[str]
@@ -179,7 +179,7 @@ def short(text: str) -> str:
 
 
 def without_empty_tail(lines: TextLines, dialect: Dialect) -> TextLines:
-    """Drop `;;;;` lines at the end, which spreadsheets add; elsewhere they are missing rows."""
+    """Drop lines like `;;;;` at the end, added by spreadsheets; elsewhere samples are missing."""
     count = len(lines.texts)
     while count > 1 and not lines.texts[count - 1].strip(f' "{dialect.separator or ""}'):
         count -= 1
@@ -187,7 +187,7 @@ def without_empty_tail(lines: TextLines, dialect: Dialect) -> TextLines:
 
 
 def without_line_marks(lines: TextLines, options: CsvOptions) -> TextLines:
-    """Strip a mark at the end of lines, as in `1, 2;`, if more cells are then numbers."""
+    """Strip a mark at the end of lines, as in `1, 2;`, if this turns more cells into numbers."""
     before = _score(lines.texts, find_dialect(lines.texts, options))
     for mark in ";,|":
         if lines.texts[-1].rstrip().endswith(mark):
@@ -198,7 +198,7 @@ def without_line_marks(lines: TextLines, options: CsvOptions) -> TextLines:
 
 
 def find_dialect(texts: Sequence[str], options: CsvOptions) -> Dialect:
-    """Find the dialect in which most cells of a sample are numbers in rows of equal width."""
+    """Find the dialect that gives a sample of lines the most numbers in rows of equal width."""
     sample = [*texts[:50], *texts[50:][-50:]]
     candidates = [*_DIALECTS, *([Dialect(",", ",")] if _quoted_commas(sample) else [])]
     if options.delimiter is not None:
@@ -211,7 +211,7 @@ def find_dialect(texts: Sequence[str], options: CsvOptions) -> Dialect:
 
 
 def _quoted_commas(sample: Sequence[str]) -> bool:
-    """Return whether quoted decimal commas occur, as in `"0,05"`; `"1,234"` may be a thousand."""
+    """Return whether quoted decimal commas as in `"0,05"` occur; `"1,234"` does not count."""
     cells = re.findall(r'"([-+]?\d+,\d+)(?:[eE][-+]?\d+)?"', "\n".join(sample))
     return not all(re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", cell) for cell in cells)
 
@@ -232,14 +232,14 @@ def _score(texts: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
     if whole and len(rows[0]) == width and not number_shares[0]:
         number_shares[0] = 0.9
     score = sum(number_shares)
-    # Any text has a single column, so a table of one column needs numbers in nearly all cells.
+    # Any text can be read as one column, so with one column nearly all cells must be numbers.
     if width == 1 and min(number_shares) < 0.9:
         score /= 2
     return round(score, 9), width > 1
 
 
 def typical_width(texts: Sequence[str], dialect: Dialect) -> int:
-    """Return the number of cells that most lines have."""
+    """Return the most frequent number of cells of a line."""
     sample = [*texts[:500], *texts[500:][-500:]]
     widths = Counter(len(split(line, dialect.separator)) for line in sample)
     return widths.most_common(1)[0][0]
@@ -257,7 +257,7 @@ def without_trailing_delimiter(body: TextLines, header: str | None, dialect: Dia
 
 _CHUNK = 20_000  # rows parsed at once, so that only faulty chunks are parsed slowly
 _SHOWN = 5  # number of faults of each kind that are listed
-_LONG = 10_000  # length of a line from which cells are checked before they are read
+_LONG = 10_000  # length of lines above which cells are checked one by one
 
 
 class _Faults:
@@ -350,14 +350,14 @@ def _cell_advice(bad: _Faults, dialect: Dialect) -> str:
     if any("," in problem.message for problem in bad.first) and dialect.decimal == ".":
         return f"{advice}; if the comma is the decimal mark set decimal: ','"
     if dialect.decimal == "," and any("." in problem.message for problem in bad.first):
-        comma = "numbers are read with a decimal comma, set decimal: '.' if they have none"
+        comma = "numbers are read with a decimal comma; if they have a point set decimal: '.'"
         return f"{advice}; {comma}"
-    return f"{advice}; to pass over text above the numbers set skip_rows and header: false"
+    return f"{advice}; to skip text above the numbers set skip_rows and header: false"
 
 
 _SAMPLE = 500  # rows at each end of a file from which the dialect is found
-_ROWS_OF_WORDS = 3  # most rows of units or descriptions below the header
-_LONGEST_HEAD = 200  # most lines with settings of a recorder above the header
+_ROWS_OF_WORDS = 3  # largest number of rows of units or descriptions below the header
+_LONGEST_HEAD = 200  # largest number of lines with a recorder's settings above the header
 
 
 def read(path: Path, options: CsvOptions, _: object = None) -> RecordTable:
@@ -419,7 +419,7 @@ def check_options(path: Path, options: CsvOptions) -> None:
 
 
 def _table_start(lines: TextLines, dialect: Dialect) -> int:
-    """Return the index of the line of column names below a recorder's head; 0 without a head."""
+    """Return the index of the line of column names below a recorder's settings, or 0."""
     width, names = typical_width(lines.texts, dialect), -1
     for at, line in enumerate(lines.texts[:_LONGEST_HEAD]):
         (numbers, words), row = _census(line, dialect), split(line, dialect.separator)
@@ -436,7 +436,7 @@ def _table_start(lines: TextLines, dialect: Dialect) -> int:
 def _split_header(
     lines: TextLines, dialect: Dialect, wanted: bool | None
 ) -> tuple[str | None, TextLines]:
-    """Return the header line, or None, and the rows below it and below rows of units."""
+    """Return the header line, or None, and the rows of numbers below header and units."""
     if wanted is False:
         return None, lines
     numeric, words = _census(lines.texts[0], dialect)
@@ -456,19 +456,19 @@ def _split_header(
 
 
 def _census(line: str, dialect: Dialect) -> tuple[int, list[str]]:
-    """Return the number of numeric cells of a line, and its other cells."""
+    """Return the number of numeric cells of a line, and the list of its text cells."""
     cells = [cell for cell in split(line, dialect.separator) if cell.strip()]
     words = [cell for cell in cells if to_number(cell, dialect.decimal) is None]
     return len(cells) - len(words), words
 
 
 def _are_words(cells: list[str]) -> bool:
-    """Return whether there are cells, and none is a number with either decimal sign."""
+    """Return whether there are cells, and no cell is a number with decimal point or comma."""
     return bool(cells) and all(to_number(cell, sign) is None for cell in cells for sign in ".,")
 
 
 def _check_numbers(body: TextLines, dialect: Dialect) -> None:
-    """Raise InputError, which quotes nothing of the file, if no cell is a number."""
+    """Raise InputError if no cell is a number; the message quotes nothing of the file."""
     sample = [*body.texts[:_SAMPLE], *body.texts[-_SAMPLE:]]
     cells = (cell.strip() for line in sample for cell in split(line, dialect.separator))
     if not any(re.fullmatch(r"[-+.,\deE_]*\d[-+.,\deE_]*|[nN]a[nN]", cell) for cell in cells):
@@ -511,7 +511,7 @@ def _header_cells(header: str, dialect: Dialect, width: int) -> list[str]:
     names = [re.sub("^'(.+)'$", r"\1", name.strip()) for name in split(header, dialect.separator)]
     if dialect.separator is not None:
         return names[:width] if len(names) == width + 1 and not names[-1] else names
-    # In `t [s] w_1 [rpm]` blanks separate names and are parts of names, so both are tried.
+    # In `t [s] w_1 [rpm]` some blanks separate names and some do not, so both splits are tried.
     with_units = re.findall(r'"[^"]*"|[^\s\[(]+(?:\s*(?:\[[^\[\]]*\]|\([^()]*\)))?', header)
     columns = re.split(r"\s{2,}|\t", header.strip())
     for guess in (names, with_units, columns):

@@ -14,9 +14,9 @@ from bayesdrill.record.formats.arrays import add_fields
 from bayesdrill.record.formats.table import RecordTable, decode
 
 _BLANK = re.compile(r"[\s,]*")
-MAX_KEYS = 1000  # largest number of names of records, each of which becomes a column
-FRC_TEST = re.compile("(slow|fast)-(forward|backward)")  # frc-characterization writes no names
-# Names of the columns in SysId's logs of a mechanism and of a drive, by their number.
+MAX_KEYS = 1000  # largest number of names in a list of records; each becomes a column
+FRC_TEST = re.compile("(slow|fast)-(forward|backward)")  # frc-characterization names no columns
+# Names by the number of columns, in SysId's logs of a mechanism (4) and of a drive (9).
 SYSID_COLUMNS = {
     4: ("time [s]", "voltage [V]", "position", "speed"),
     9: (
@@ -64,8 +64,8 @@ def _with_names(log: dict[str, Any]) -> dict[str, Any]:
 
 
 def _walk(name: str, value: Any, table: RecordTable) -> None:
-    """Add all columns below `name`, recursively: mappings, lists of records, rows; `null` is NaN."""
-    if isinstance(value, dict) and [*value] == [*map(str, range(len(value)))]:  # as in pandas
+    """Add all columns below `name`, in mappings, lists of records, and rows; `null` becomes NaN."""
+    if isinstance(value, dict) and [*value] == [*map(str, range(len(value)))]:  # row numbers
         value = [*value.values()]
     if isinstance(value, list) and {*map(type, value)} == {list} and value[0]:
         named = len(value) > 1 and {*map(type, value[0])} == {str}

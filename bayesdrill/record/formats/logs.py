@@ -24,7 +24,7 @@ from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.arrays import CUT_SHORT
 from bayesdrill.record.formats.table import RecordTable, missing_package, read_bytes
 
-ONE_PASS = 0.05  # in steps of the fastest signal: closer samples have a common time
+ONE_PASS = 0.05  # in steps of the fastest signal: samples closer than this have a common time
 TIME = "log_time"  # name of the column with the union of all times
 CONVERSION = 'convert it by the two lines "MCAP with ROS 2 messages" of docs/record.md'
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -45,7 +45,7 @@ def add_sample(samples: Samples, name: str, time: float, value: float | Sequence
 
 
 def _union(times: Sequence[Array]) -> Array:
-    """Return all times [s]; each pass of the logger's loop has one common time, its first."""
+    """Return all times [s]; times in one pass of the logger's loop are replaced by the first."""
     union = np.unique(np.concatenate([np.zeros(0), *times]))
     steps = [float(np.median(np.diff(t))) for t in times if len(t) > 1]
     nearest = ONE_PASS * min((step for step in steps if step > 0), default=0.0)
@@ -76,7 +76,7 @@ def merged_table(
     union = _union([signal[:, 0] for signal in signals.values()])
     if 8.0 * len(union) * (len(signals) + 1) > LARGEST_FILE:
         size = f"has {len(signals)} signals at {len(union)} times, too many for one table"
-        raise InputError.at(str(path), f"{size}; save those of the rig alone")
+        raise InputError.at(str(path), f"{size}; save only the rig's signals")
     variables = {TIME: union}
     for name, signal in signals.items():
         column = np.full(len(union), np.nan)

@@ -1,9 +1,9 @@
 """Read MATLAB files: v5 to v7 by SciPy, v7.3 by h5py.
 
-SciPy reads cells and structs recursively, and some thousand levels end the process. The depth of a
-file of v5 to v7 is therefore checked first, without recursion. Elements are a flat stream of tags,
-which this module follows in the order of SciPy. The dimensions of a cell, not the length in its
-tag, give its number of elements.
+SciPy reads cells and structs recursively, and crashes if a file has some thousand levels. The depth
+of a file of v5 to v7 is therefore checked first, without recursion. The file is a flat stream of
+elements, each with a tag, which this module reads in the same order as SciPy. The dimensions of a
+cell, not the length in its tag, give the number of its members.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.arrays import CUT_SHORT, ITSELF, add_fields, datasets
 from bayesdrill.record.formats.table import RecordTable, read_bytes
 
-TITLES, UNITS = ("label", "title", "Name"), ("unit", "Unit")  # fields of a signal, best first
+TITLES, UNITS = ("label", "title", "Name"), ("unit", "Unit")  # of a signal, in order of preference
 MAX_DEPTH = 100  # usual files have fewer than ten levels, and SciPy fails at a thousand
 
 _MATRIX, _COMPRESSED = 14, 15  # kinds of elements
-# Classes of matrices that contain others.
+# Classes of matrices that contain other matrices.
 _CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE = 1, 2, 3, 16, 17
 _CONTAINERS = {_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE}
 _CLASS = 16  # bytes from the tag of a matrix to the class in it
@@ -62,13 +62,13 @@ def _class(matrix: Buffer, at: int, order: str) -> int:
 
 
 class _Walk:
-    """The walk passes through one variable, element by element."""
+    """A walk reads one variable, element by element, to find its depth."""
 
     def __init__(self, data: Buffer, order: str) -> None:
         self._data, self._order, self._at = memoryview(data), order, 0
 
     def too_deep(self) -> bool:
-        remaining = [1]  # number of matrices that follow, at each depth
+        remaining = [1]  # number of matrices still to read, at each depth
         try:
             while remaining and len(remaining) <= MAX_DEPTH + 1:
                 if remaining[-1] == 0:
@@ -155,7 +155,7 @@ def _walk_v5(name: str, value: Any, table: RecordTable) -> None:
     from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
 
     if isinstance(value, MatlabOpaque):
-        # Older releases of SciPy store the name of a variable in the record, not in the index.
+        # Older releases of SciPy store the variable's name in the array, not as the key.
         known = value.dtype.names or ()
         name = _text(value["s0"].flat[0]) if "s0" in known else name
         kinds = [_text(value[key].flat[0]) for key in ("_Class", "s2") if key in known]
@@ -167,7 +167,7 @@ def _walk_v5(name: str, value: Any, table: RecordTable) -> None:
     elif value.dtype.names is not None:
         for number, element in enumerate(value.flat, start=1):
             place = f"{name}({number})" if value.size > 1 else name
-            fields = value.dtype.names  # a signal is described by its fields
+            fields = value.dtype.names  # some fields only describe the signal
             samples = [f for f in fields if f == "values" or (f == "Data" and value.size > 1)]
             for field in samples or fields:
                 _walk_v5(f"{place}.{field}", element[field], table)

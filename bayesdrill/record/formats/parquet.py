@@ -1,8 +1,8 @@
 """Read Parquet with `pyarrow`: columns of numbers, and of lists, as LeRobot writes them.
 
-A column of lists with equal lengths becomes a column for each place in the list, such as
-`observation.state.shoulder`. Names of places come from `meta/info.json` of the data set; places
-without a name are counted from 0.
+A column of lists with equal lengths becomes a column for each element of the lists, such as
+`observation.state.shoulder`. Names of elements come from `meta/info.json` of the data set;
+elements without a name are counted from 0.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bayesdrill.record.formats.arrays import CUT_SHORT, too_large
 from bayesdrill.record.formats.table import RecordTable, keys_of, missing_package, read_bytes
 
 LEVELS = 4  # number of folders above the file in which `meta` is searched
-MAX_PLACES = 1000  # largest length of a list, of which each place becomes a column
+MAX_PLACES = 1000  # largest length of a list; each element becomes a column
 
 
 def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
@@ -72,7 +72,7 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
 
 
 def _places(name: str, column: Any, rows: int, named: list[str]) -> dict[str, Array]:
-    """Return a column for each place of a column of lists; empty if lengths of lists differ."""
+    """Return a column for each element of the lists in a column; empty if their lengths differ."""
     flat = column.combine_chunks().flatten()
     if column.null_count or len(flat) > MAX_PLACES * rows:
         return {}
@@ -84,7 +84,7 @@ def _places(name: str, column: Any, rows: int, named: list[str]) -> dict[str, Ar
 
 
 def _names_of_places(path: Path) -> dict[str, list[str]]:
-    """Return the names of the places in list columns, from `meta/info.json` above a file."""
+    """Return the names of list elements by column, from `meta/info.json` in a folder above."""
     for folder in path.resolve().parents[:LEVELS]:
         try:
             features = json.loads((folder / "meta" / "info.json").read_text())["features"]

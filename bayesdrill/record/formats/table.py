@@ -21,8 +21,8 @@ class RecordTable:
     """A record table holds the numbers of one file.
 
     Columns of a table (text, Parquet) are variables `(T,)` in file order. A file of arrays (MATLAB,
-    HDF5, NumPy) has variables `(T,)` or `(T, n)`, with dotted names for fields (`rig.theta`). All
-    may contain NaN and infinities, and `where` names a sample's row. `ignored` gives the reason why
+    HDF5, NumPy) has variables `(T,)` or `(T, n)`, with dotted names for fields (`rig.theta`). They
+    may contain NaN and infinities; `where` returns a sample's row. `ignored` gives the reason why
     a name in the file cannot be picked, and `unread` lists names that were not requested.
     """
 
@@ -41,7 +41,7 @@ class RecordTable:
     """Text in the row between header and numbers, by column."""
 
     def where(self, index: int) -> str:
-        """Return the place of a sample, by its index from 0: `line 18`, `row 18` or `sample 18`."""
+        """Return the position of the sample `index`, from 0: `line 18`, `row 18` or `sample 18`."""
         return f"sample {index + 1}" if self.lines is None else f"{self.called} {self.lines[index]}"
 
     @property
@@ -51,7 +51,7 @@ class RecordTable:
         return np.arange(1, longest + 1) if self.lines is None else self.lines
 
     def between(self, rows: Sequence[int] | None) -> RecordTable:
-        """Return the table from the first to the last of two row `numbers`, or all of it."""
+        """Return the table between two row `numbers`, both inclusive; None stands for all rows."""
         if rows is None:
             return self
         part = slice(*np.searchsorted(self.numbers, (rows[0], rows[1] + 1)).tolist())
@@ -68,7 +68,7 @@ class RecordTable:
         *,
         location: str | None = None,
     ) -> Array:
-        """Return one column `(T,)`, by name or number from 1; raises InputError at `location`."""
+        """Return one column `(T,)`, by name or number (from 1); raises InputError at `location`."""
         try:
             if self.lines is not None:
                 return self._pick_from_table(column, variable)
