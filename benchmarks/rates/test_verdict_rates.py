@@ -81,6 +81,7 @@ def test_nominal_records_rarely_disagree(tmp_path: Path, parameters: e.Entry) ->
     assert sum(one.fits for one in found) >= 0.95 * RECORDS
 
 
+@pytest.mark.slow
 def test_no_nominal_value_at_an_end_of_its_prior_disagrees(tmp_path: Path) -> None:
     """Two records of a rig at its nominal values, which are ends of their priors."""
     parameters = e.parameters("nominal", k_s=BEGINS, k_e=ENDS)

@@ -17,11 +17,12 @@ from benchmarks.modes.grid import Modes
 from benchmarks.modes.judge import Outcome
 from benchmarks.modes.puzzle import Puzzle
 
-EVERY = collection.every()
+EVERY, QUICK = collection.every(), "switched_on"
 
 
 @pytest.mark.parametrize(
-    "puzzle", [pytest.param(p, id=p.name, marks=() if p.quick else pytest.mark.slow) for p in EVERY]
+    "puzzle",
+    [pytest.param(p, id=p.name, marks=() if p.name == QUICK else pytest.mark.slow) for p in EVERY],
 )
 def test_every_mode_is_sampled_with_its_mass(puzzle: Puzzle, tmp_path: Path) -> None:
     outcome = judge.run(puzzle, tmp_path)

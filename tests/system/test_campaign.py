@@ -118,6 +118,7 @@ def test_a_population_is_sampled_again_only_when_something_that_decides_it_chang
     assert copy.record["mark"] != json.loads(pages["campaign.json"])["mark"]
 
 
+@pytest.mark.slow
 def test_a_run_has_a_page_on_demand_to_which_its_points_link(copy: Finished) -> None:
     """A page of other draws is none, so that its links go when a record changes."""
     assert 'class="links"' in (copy.folder / "report.html").read_text()

@@ -12,7 +12,7 @@ from support.command_line import REFUSALS, assert_refused, cli, listing, posteri
 import bayesdrill as bd
 from bayesdrill.report import style
 
-NUMBERS = ("--high", "12", "--hold", "0.5", "--draws", "2")
+NUMBERS = ("--high", "12", "--hold", "1", "--draws", "2")
 
 
 def test_a_design_is_printed_and_written(tmp_path: Path) -> None:
