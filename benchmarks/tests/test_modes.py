@@ -17,13 +17,11 @@ from benchmarks.modes.grid import Modes
 from benchmarks.modes.judge import Outcome
 from benchmarks.modes.puzzle import Puzzle
 
-EVERY, QUICK = collection.every(), "switched_on"
+EVERY = collection.every()
 
 
-@pytest.mark.parametrize(
-    "puzzle",
-    [pytest.param(p, id=p.name, marks=() if p.name == QUICK else pytest.mark.slow) for p in EVERY],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("puzzle", EVERY, ids=lambda puzzle: puzzle.name)
 def test_every_mode_is_sampled_with_its_mass(puzzle: Puzzle, tmp_path: Path) -> None:
     outcome = judge.run(puzzle, tmp_path)
     assert outcome.passed, (outcome.modes.masses, outcome.found, outcome.reasons)

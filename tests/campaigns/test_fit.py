@@ -122,6 +122,7 @@ def test_a_noted_column_with_gaps_explains_its_share_of_the_spread() -> None:
     assert none.share.mean < 0.05 < slope.share.mean < without_rigs
 
 
+@pytest.mark.slow
 def test_a_vague_run_hardly_changes_the_population_and_a_badly_described_one_is_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

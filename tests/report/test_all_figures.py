@@ -111,7 +111,7 @@ def faults(figure: Figure) -> Iterator[str]:
 
 # Wide ones; the same functions draw narrow ones, with fewer texts, in the fast tests.
 LONG = ("corner of 9", "narrow corner of 9", "narrow trace of 9", "narrow priors of 9")
-LONG += ("comparison of long names", "comparison of two experiments", "calibration")
+LONG += ("comparison", "comparison of long names", "calibration")
 EVERY = [pytest.param(name, marks=pytest.mark.slow if name in LONG else ()) for name in HARD]
 
 

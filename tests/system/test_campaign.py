@@ -75,6 +75,7 @@ def test_another_seed_is_refused_on_resuming(copy: Finished) -> None:
     assert_refused(copy.command("campaign", "--resume", "--seed", "5"), "the seed was 0 and is 5")
 
 
+@pytest.mark.slow
 def test_resuming_fits_only_missing_damaged_and_changed_runs(copy: Finished) -> None:
     """The missing one gets the same bytes, though it is now computed first."""
     before, times = copy.draws, copy.times

@@ -126,6 +126,7 @@ def test_a_fit_that_must_not_be_believed_ends_with_status_3(
     assert "BELIEVE" not in best().table
 
 
+@pytest.mark.slow
 def test_a_prior_that_ends_too_early_is_widened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -101,6 +101,7 @@ def test_a_run_that_did_not_converge_says_so(unconverged: FinishedRun) -> None:
     assert command_line.cli("report", unconverged.folder, "--processes", "1").status == 3
 
 
+@pytest.mark.slow
 def test_a_posterior_that_the_proposal_does_not_cover_is_not_believed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -136,6 +137,7 @@ def test_python_without_docstrings_is_refused(
     ]
 
 
+@pytest.mark.slow
 def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
@@ -155,6 +157,7 @@ def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(
     assert not (run.folder / "opened.npz").exists()
 
 
+@pytest.mark.slow
 def test_a_stuck_walker_keeps_a_run_from_being_believed(copy: FinishedRun) -> None:
     """The last log density of a walker of each ensemble is raised, so that it accepts no proposal.
 

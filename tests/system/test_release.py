@@ -142,6 +142,7 @@ def test_the_changelog_has_this_version() -> None:
     assert sections <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
 
 
+@pytest.mark.slow
 def test_the_sdist_holds_what_tests_and_docs_need_and_no_results(dist: Dist) -> None:
     with tarfile.open(dist.sdist) as archive:
         names = [name.split("/", 1)[1] for name in archive.getnames()]

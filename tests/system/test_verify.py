@@ -168,6 +168,7 @@ def test_a_run_is_not_compared_with_itself(finished: Path, tmp_path: Path) -> No
 SOURCES = ("chain.h5", "map.json", "config.resolved.yaml")
 
 
+@pytest.mark.slow
 @run_cases("name", [*SOURCES, "summary.csv"], copy=copied_run)
 def test_a_missing_file_comes_back_as_verify_says(name: str, copy: FinishedRun) -> None:
     """A resumed run makes what a report is made from, the same map too; a report makes the rest."""
@@ -185,6 +186,7 @@ def test_a_missing_file_comes_back_as_verify_says(name: str, copy: FinishedRun) 
     assert (copy.folder / "map.json").read_bytes() == maximum
 
 
+@pytest.mark.slow
 def test_a_pipe_among_results_is_refused_and_not_waited_for(rig: Path) -> None:
     """In the place of each file of a run in turn."""
     out = rig / "out"
@@ -285,6 +287,7 @@ def test_figures_and_tree_say_which_run_they_are_of(finished: Path) -> None:
     assert marks["burn-in"] == f"{convergence['burn_in']} of {convergence['steps']} steps"
 
 
+@pytest.mark.slow
 def test_every_file_of_a_record_is_part_of_its_run(tmp_path: Path) -> None:
     """And results are refused in the folder of any of them."""
     config = command_line.small_config(
@@ -345,6 +348,7 @@ def read_only(finished: Path) -> Iterator[Path]:
         shutil.rmtree(place)
 
 
+@pytest.mark.slow
 def test_runs_in_a_read_only_folder_are_verified_compared_and_reported_elsewhere(
     read_only: Path,
 ) -> None:
