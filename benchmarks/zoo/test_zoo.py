@@ -175,6 +175,7 @@ def test_unsound_rows_are_of_several_kinds() -> None:
     )
 
 
+@pytest.mark.slow
 @run_cases("row", ROWS, ids=ids(ROWS))
 def test_every_config_is_valid(row: Row, tmp_path: Path) -> None:
     path = tmp_path / f"{row.name}.yaml"

@@ -50,7 +50,7 @@ def fit_of_three_rigs() -> PopulationFit:
         hours=index.astype(float),
         noted=noted,
     )
-    return fit_population(runs.draws(rng), SETTINGS, rng, SILENT)
+    return fit_population(runs.draws(rng), replace(SETTINGS, max_sweeps=800), rng, SILENT)
 
 
 def test_population_of_sound_runs_holds_the_truth_and_flags_none() -> None:

@@ -39,6 +39,7 @@ def test_a_design_is_printed_and_written(tmp_path: Path) -> None:
     assert cli(*quick, "--force").status == 0
 
 
+@pytest.mark.slow
 def test_a_run_ends_with_the_line_that_starts_a_design_with_its_posterior(tmp_path: Path) -> None:
     box = "{prior: uniform, low: 0.5, high: 1.5, relative: true}"
     config = small_config(tmp_path, ("c_m: nominal", f"c_m: {box}"))

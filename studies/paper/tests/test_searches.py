@@ -69,6 +69,7 @@ def test_distance_from_the_truth_is_split_along_the_symmetries() -> None:
     assert searches.distinct_ends(moved, truth, [])[1:] == pytest.approx((further, further))
 
 
+@pytest.mark.slow
 def test_path_of_the_heuristic_begins_and_ends_at_its_misfits() -> None:
     target = posterior(noisy_step(SIGMA, n=60), SIGMA, free=("k_e", "k_s", "j_1"))
     names = target.space.free
