@@ -11,7 +11,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -19,6 +19,9 @@ import bayesdrill
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report.scales import DOUBLE, DPI, Typesetter, printed
 from bayesdrill.report.section import WORDS, Picture, Section, items
+
+if TYPE_CHECKING:
+    import jinja2
 
 _PNG_SIZE = slice(16, 24)  # bytes of a PNG file with width and height, big endian
 METRES_PER_INCH = 0.0254
@@ -73,7 +76,7 @@ def as_html(
 
 
 @functools.cache
-def _environment() -> Any:
+def _environment() -> jinja2.Environment:
     """Return the environment of all pages, whose templates are compiled once."""
     import jinja2  # late: only pages need templates
 

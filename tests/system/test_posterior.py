@@ -4,7 +4,6 @@ import itertools
 from pathlib import Path
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 import xarray
@@ -12,7 +11,6 @@ from support import command_line, finished_runs
 from support.finished_runs import FIGURES, FILES, FinishedRun
 
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
-from bayesdrill.results.run_folder import seal
 from bayesdrill.sampling.proposal import learning
 from bayesdrill.tasks import pipeline
 
@@ -147,25 +145,3 @@ def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(
     assert report.status == 0, report.text
     assert words in report.out
     assert not (run.folder / "opened.npz").exists()
-
-
-@pytest.mark.slow
-def test_a_stuck_walker_keeps_a_run_from_being_believed(copy: FinishedRun) -> None:
-    """The last log density of a walker of each ensemble is raised, so that it accepts no proposal.
-
-    R-hat, autocorrelation times and effective draws are content with the chain that goes on.
-    """
-    with h5py.File(copy.folder / "chain.h5", "r+") as file:
-        for k in range(4):
-            last = file[f"ensemble_{k}"]["chain"][-1]
-            middle = np.argmin(np.abs(last / np.median(last, axis=0) - 1).max(axis=1))
-            file[f"ensemble_{k}"]["log_prob"][-1, middle] += 1e6
-            seal(file[f"ensemble_{k}"])
-    command_line.replace_text(copy.config, "ess: 100, max_steps: 500", "ess: 8000, max_steps: 1200")
-    result = command_line.posterior(copy.config, copy.folder, "--resume")
-    assert result.status == 3, result.text
-    assert "4 of 32 walkers (1 in ensemble 0, 1 in ensemble 1" in result.out
-    assert "stuck: the longest did not move for" in result.out
-    assert copy.json["steps"] == 1200
-    assert len(copy.json["reasons"]) == 1
-    assert "stuck" in (copy.folder / "summary.md").read_text()
