@@ -34,7 +34,7 @@ def sampled(n_products: int, ess: float) -> PopulationDraws:
     nothing = np.zeros((4, 0))
     data = run_arrays(runs, np.zeros(4, int), np.zeros((4, n_products)), nothing, np.zeros(0))
     names, rng = tuple("pq")[:n_products], np.random.default_rng(1)
-    targets = Targets(r_hat=1.02, n_tau=20, ess=ess)
+    targets = Targets(r_hat=1.01, n_tau=50, ess=ess)
     settings = PopulationSettings(
         spread_scale=SCALE, targets=targets, max_sweeps=30_000, draws=10**6
     )
@@ -43,17 +43,17 @@ def sampled(n_products: int, ess: float) -> PopulationDraws:
 
 def assert_same(draws: np.ndarray, mean: float, sd: float, ess: float) -> None:
     assert abs(draws.mean() - mean) < 3 * sd / np.sqrt(ess)
-    assert draws.std() == pytest.approx(sd, rel=np.sqrt(2 / ess))
+    assert draws.std() == pytest.approx(sd, rel=0.05)
 
 
 def log_half_t(sd: np.ndarray) -> np.ndarray:
     return -1.5 * np.log1p(sd**2 / (2 * SCALE**2))
 
 
-@pytest.mark.parametrize("ess", [300, pytest.param(1500, marks=pytest.mark.slow)])
-def test_population_of_four_runs_equals_the_joint_posterior_on_a_grid(ess: int) -> None:
+@pytest.mark.slow
+def test_population_of_four_runs_equals_the_joint_posterior_on_a_grid() -> None:
     """The grid has the integral over each run's true product in closed form, by precisions of the t."""
-    draws = sampled(1, ess)
+    draws = sampled(1, 1500.0)
     mu, log_sd = np.linspace(-0.4, 0.4, 161), np.linspace(np.log(1e-6), np.log(1.5), 160)
     sd = np.exp(log_sd)
     log_p = np.zeros((len(mu), len(sd), len(FREEDOMS)))
@@ -69,7 +69,7 @@ def test_population_of_four_runs_equals_the_joint_posterior_on_a_grid(ess: int) 
     sample = (draws.mean, 0.5 * np.log(draws.covariance), np.log(draws.nu))
     for grid, values in zip(grids, sample, strict=True):
         mean = (p * grid).sum()
-        assert_same(values, mean, np.sqrt((p * (grid - mean) ** 2).sum()), 0.5 * ess)
+        assert_same(values, mean, np.sqrt((p * (grid - mean) ** 2).sum()), 800)
     assert draws.convergence.converged
 
 

@@ -55,7 +55,7 @@ def commands_and_inputs(command: str, home: Path) -> Iterator[tuple[list[str | P
         case "campaign" | "watch":
             yield [command, home / "many.yaml"], [home / "many.yaml", config, record]
         case "report":
-            yield ["report", run], files[::2]
+            yield ["report", run], files[3::4]
             yield ["report", run, home / "other"], files[1::4]
         case "compare":
             yield ["compare", run, home / "other"], files[2::4]
