@@ -174,7 +174,7 @@ def test_the_missing_friction_is_named_and_recommended_after_ctrl_c(tmp_path: Pa
     assert len(run["log_evidence"]) == 2
     page = (finished.folder / "comparison.md").read_text(encoding="utf-8")
     assert "# Ladder of turned" in page
-    assert "verdict: MODEL: friction_motor is " in page
+    assert "- verdict: " in page
     assert "the residuals of friction_motor look like the noise" in page
     recommended = finished.folder / "recommended.yaml"
     checked = command_line.cli("check", recommended)
