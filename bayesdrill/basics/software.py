@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
 
@@ -16,7 +17,12 @@ PACKAGES = (*DECISIVE, "arviz-stats", "arviz-base", "h5py")
 
 def installed_versions() -> dict[str, str]:
     """Return the versions of this package and of the libraries on which results depend."""
-    return {"bayesdrill": bayesdrill.__version__, **{name: version(name) for name in PACKAGES}}
+    return {"bayesdrill": bayesdrill.__version__, **_package_versions()}
+
+
+@cache
+def _package_versions() -> Mapping[str, str]:
+    return {name: version(name) for name in PACKAGES}
 
 
 def version_differences(used: Mapping[str, str], wanted: Mapping[str, str]) -> list[str]:

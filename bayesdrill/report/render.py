@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import functools
 import hashlib
 import math
 import re
@@ -10,7 +11,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -18,6 +19,9 @@ import bayesdrill
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report.scales import DOUBLE, DPI, Typesetter, printed
 from bayesdrill.report.section import WORDS, Picture, Section, items
+
+if TYPE_CHECKING:
+    import jinja2
 
 _PNG_SIZE = slice(16, 24)  # bytes of a PNG file with width and height, big endian
 METRES_PER_INCH = 0.0254
@@ -50,26 +54,7 @@ def as_html(
     `what` is the kind of report.  Pictures without a PNG or SVG in the folder `figures` are left out.
     `parent` has title and address of the page to which the header links back.
     """
-    import jinja2  # late: only pages need templates
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("bayesdrill.report", "page"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    set_type = Typesetter(printed(symbols))
-    helpers: dict[str, Any] = {
-        "names": set_type.plain,
-        "prose": set_type.prose,
-        "items": items,
-        "slug": slug,
-        "after": after,
-        "digest": digest,
-        "kind": lambda block: type(block).__name__,
-    }
-    environment.filters |= helpers
+    environment = _environment()
     blocks = [block for section in sections for block in section.blocks]
     shown = {
         picture.stem: _embedded(figures / f"{picture.stem}.{picture.ending}")
@@ -77,6 +62,7 @@ def as_html(
         if isinstance(picture, Picture)
     }
     return environment.get_template("report.html.j2").render(
+        set_type=Typesetter(printed(symbols)),
         title=title,
         what=what,
         parent=parent,
@@ -87,6 +73,30 @@ def as_html(
         style=Markup(environment.get_template("style.css").render()),
         script=Markup(environment.get_template("zoom.js").render()),
     )
+
+
+@functools.cache
+def _environment() -> jinja2.Environment:
+    """Return the environment of all pages, whose templates are compiled once."""
+    import jinja2  # late: only pages need templates
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("bayesdrill.report", "page"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "names": jinja2.pass_context(lambda page, text: page["set_type"].plain(text)),
+        "prose": jinja2.pass_context(lambda page, text: page["set_type"].prose(text)),
+        "items": items,
+        "slug": slug,
+        "after": after,
+        "digest": digest,
+        "kind": lambda block: type(block).__name__,
+    }
+    return environment
 
 
 def digest(text: str) -> str:

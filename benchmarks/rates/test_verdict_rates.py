@@ -81,18 +81,6 @@ def test_nominal_records_rarely_disagree(tmp_path: Path, parameters: e.Entry) ->
     assert sum(one.fits for one in found) >= 0.95 * RECORDS
 
 
-def test_no_nominal_value_at_an_end_of_its_prior_disagrees(tmp_path: Path) -> None:
-    """Two records of a rig at its nominal values, which are ends of their priors."""
-    parameters = e.parameters("nominal", k_s=BEGINS, k_e=ENDS)
-    job = simulated_posteriors.built(tmp_path, simulated_posteriors.row(parameters))
-    trial = Trial(job, simulated_posteriors.truly(job))
-    for seed in range(2):
-        verdict, reasons = trial.concluded(seed)
-        assert not reasons
-        assert {q.says for q in (*verdict.products, *verdict.parameters)} == {"cannot judge"}
-        assert verdict.ends == {name: job.problem.nominal[name] for name in ("k_s", "k_e")}
-
-
 def true(job: simulated_posteriors.Job) -> dict[str, float]:
     return {name: TRUTH[name] for name in job.problem.names if name in TRUTH}
 

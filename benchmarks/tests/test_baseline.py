@@ -105,6 +105,7 @@ def test_equal_results_do_not_differ_and_other_bytes_are_beyond_the_limits_on_re
     assert list(compare(MEASURED, changed(other_bytes), same_bytes=True)) == [(BYTES, True)]
 
 
+@pytest.mark.slow
 def test_a_results_folder_is_read_with_its_errors_and_compares_equal(tmp_path: Path) -> None:
     folder = run().save(tmp_path / "mine")
     config = folder / "config.yaml"

@@ -20,9 +20,8 @@ from benchmarks.modes.puzzle import Puzzle
 EVERY = collection.every()
 
 
-@pytest.mark.parametrize(
-    "puzzle", [pytest.param(p, id=p.name, marks=() if p.quick else pytest.mark.slow) for p in EVERY]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("puzzle", EVERY, ids=lambda puzzle: puzzle.name)
 def test_every_mode_is_sampled_with_its_mass(puzzle: Puzzle, tmp_path: Path) -> None:
     outcome = judge.run(puzzle, tmp_path)
     assert outcome.passed, (outcome.modes.masses, outcome.found, outcome.reasons)

@@ -175,6 +175,7 @@ def test_unsound_rows_are_of_several_kinds() -> None:
     )
 
 
+@pytest.mark.slow
 @run_cases("row", ROWS, ids=ids(ROWS))
 def test_every_config_is_valid(row: Row, tmp_path: Path) -> None:
     path = tmp_path / f"{row.name}.yaml"
@@ -230,7 +231,7 @@ def looks_like_noise(row: Row, place: Path) -> bool:
     return not any(one.large or one.small or one.far or one.correlated for one in left)
 
 
-@run_cases("name", ["closed_loop", "two_springs", "load_measured", "large_and_slow"])
+@run_cases("name", ["closed_loop", "load_measured"])
 def test_a_sound_record_leaves_its_noise_at_the_truth(name: str, tmp_path: Path) -> None:
     assert looks_like_noise(rows.chosen([name])[0], tmp_path)
 
@@ -246,6 +247,7 @@ def test_records_leave_their_noise_at_the_truth_where_the_rig_fits(
 GRIDS = {1: (20_001,), 2: (201, 1501), 3: (121, 601, 31)}  # k_e, k_s, j_1
 
 
+@pytest.mark.slow
 @run_cases("n", [1, 2, 3])
 def test_the_humps_of_an_aliased_record_have_these_shares(n: int, tmp_path: Path) -> None:
     row = rows.chosen([f"aliased_{n}"])[0]

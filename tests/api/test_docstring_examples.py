@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.array_cases import two
-from support.case_tables import run_cases
 
 import bayesdrill as bd
 from bayesdrill.sampling.optimisers import contract
@@ -32,12 +31,22 @@ def run_without_figures() -> bd.Run:
     return two(output={"figures": []}).sample()
 
 
-@run_cases("name, text", examples(), ids=[name for name, _ in examples()])
+EXAMPLES, PARSER = dict(examples()), doctest.DocTestParser()
+# Those of results need a run; other tests of the API call the same functions.
+LONG = {
+    x for x, text in EXAMPLES.items() if any("run" in y.source for y in PARSER.get_examples(text))
+}
+EVERY = [pytest.param(x, marks=pytest.mark.slow if x in LONG else ()) for x in EXAMPLES]
+
+
+@pytest.mark.parametrize("name", EVERY)
 def test_examples_of_docstrings_print_what_they_say(
-    name: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     bd.example("configs")
-    names = {**vars(contract), "bd": bd, "np": np, "case": two(), "run": run_without_figures()}
-    example = doctest.DocTestParser().get_doctest(text, names, name, None, None)
+    names = {**vars(contract), "bd": bd, "np": np, "case": two()}
+    if name in LONG:
+        names["run"] = run_without_figures()
+    example = PARSER.get_doctest(EXAMPLES[name], names, name, None, None)
     assert doctest.DocTestRunner().run(example).failed == 0

@@ -50,7 +50,7 @@ def fit_of_three_rigs() -> PopulationFit:
         hours=index.astype(float),
         noted=noted,
     )
-    return fit_population(runs.draws(rng), SETTINGS, rng, SILENT)
+    return fit_population(runs.draws(rng), replace(SETTINGS, max_sweeps=800), rng, SILENT)
 
 
 def test_population_of_sound_runs_holds_the_truth_and_flags_none() -> None:
@@ -122,6 +122,7 @@ def test_a_noted_column_with_gaps_explains_its_share_of_the_spread() -> None:
     assert none.share.mean < 0.05 < slope.share.mean < without_rigs
 
 
+@pytest.mark.slow
 def test_a_vague_run_hardly_changes_the_population_and_a_badly_described_one_is_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -136,7 +137,7 @@ def test_a_vague_run_hardly_changes_the_population_and_a_badly_described_one_is_
     names = [replace(draws.runs[0], name=name) for name in ("vague", "odd")]
     runs = (*draws.runs, *names)
     campaign = replace(draws, runs=runs, fits=(*draws.fits, vague, odd))
-    few = replace(SETTINGS, max_sweeps=100)
+    few = replace(SETTINGS, max_sweeps=50)
     assert fit_population(campaign, few, rng, SILENT).misdescribed == ("odd",)
     campaign = replace(draws, runs=runs[:-1], fits=(*draws.fits, vague))
     after = fit_population(campaign, SETTINGS, rng, SILENT).populations[0].centre
@@ -160,7 +161,7 @@ def test_a_foreign_run_among_twelve_is_flagged_and_widens_the_spread_little() ->
     rng = np.random.default_rng(0)
     z = np.array([0.005, 0.012]) * rng.standard_normal((12, 2))
     z[-1, 1] += 0.1
-    draws, few = SimulatedRuns(z=z, sd=np.full(z.shape, 0.005)).draws(rng), 1600
+    draws, few = SimulatedRuns(z=z, sd=np.full(z.shape, 0.005)).draws(rng), 800
     fit = fit_population(draws, replace(SETTINGS, max_sweeps=few), rng, SILENT)
     assert [run.name for run in fit.runs if run.outlier] == ["run 11"]
     assert fit.populations[1].spread.mean < 0.025

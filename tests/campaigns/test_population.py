@@ -50,6 +50,7 @@ def log_half_t(sd: np.ndarray) -> np.ndarray:
     return -1.5 * np.log1p(sd**2 / (2 * SCALE**2))
 
 
+@pytest.mark.slow
 def test_population_of_four_runs_equals_the_joint_posterior_on_a_grid() -> None:
     """The grid has the integral over each run's true product in closed form, by precisions of the t."""
     draws = sampled(1, 1500.0)

@@ -116,7 +116,9 @@ def test_foreign_runs_are_no_changes() -> None:
     assert history(level, 3).best == "constant"
 
 
-@pytest.mark.parametrize(("off", "share"), [(0.4, 0.75), (0.15, 0.45)])
+@pytest.mark.parametrize(
+    ("off", "share"), [pytest.param(0.4, 0.75, marks=pytest.mark.slow), (0.15, 0.45)]
+)
 def test_a_foreign_run_among_twelve_hides_few_jumps_and_is_no_change(
     off: float, share: float
 ) -> None:

@@ -109,7 +109,13 @@ def faults(figure: Figure) -> Iterator[str]:
         yield f"letters of {min(sizes)} points"
 
 
-@pytest.mark.parametrize("name", HARD)
+# Wide ones; the same functions draw narrow ones, with fewer texts, in the fast tests.
+LONG = ("corner of 9", "narrow corner of 9", "narrow trace of 9", "narrow priors of 9")
+LONG += ("comparison", "comparison of long names", "calibration")
+EVERY = [pytest.param(name, marks=pytest.mark.slow if name in LONG else ()) for name in HARD]
+
+
+@pytest.mark.parametrize("name", EVERY)
 def test_figures_are_readable(name: str) -> None:
     """No text is cut or lies on another, and every axis has a unit."""
     assert [*faults(drawn(HARD[name]()))] == []

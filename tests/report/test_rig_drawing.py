@@ -3,13 +3,13 @@
 from functools import cache
 
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 from matplotlib.path import Path
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
-from support.case_tables import for_each
 from support.figure_checks import box, drawn, overlap, overlapping, shown
 
 from bayesdrill.report.rig_drawing import rig_figure
@@ -69,13 +69,14 @@ def full(rig: Model) -> Model:
 
 PICTURES = {f"bare {name}": TRAINS[name] for name in ("gear", "branches", "paper")}
 PICTURES |= {f"full {name}": full(rig) for name, rig in TRAINS.items()}
+QUICK = ("bare paper", "bare branches", "full gear", "full linear", "full servo")
+EVERY = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in PICTURES]
 
 
 @cache
 def picture(name: str) -> Figure:
-    if name in PICTURES:
-        return drawn(rig_figure(PICTURES[name]))
-    return drawn(rig_figure(MotorShaft(), ("theta_1", "w_1", "theta_2", "w_2")))
+    channels = ("theta_1", "w_1", "theta_2", "w_2") if name == "bare paper" else ()
+    return drawn(rig_figure(PICTURES[name], channels))
 
 
 def texts(figure: Figure) -> list[Text]:
@@ -99,41 +100,40 @@ def corners(arrow: FancyArrowPatch) -> NDArray[np.float64]:
     return kept
 
 
-def test_texts_are_apart_inside_the_page_and_off_the_lines() -> None:
-    def check(name: str) -> None:
-        figure = picture(name)
-        (sheet,) = figure.axes
-        every = [(text.get_text(), framed(text)) for text in texts(figure)]
-        both = [f"{every[k][0]} on {every[n][0]}" for k, n in overlapping([a for _, a in every])]
-        assert not both
-        lines = [line.get_path() for line in sheet.lines]
-        lines += [Path(corners(arrow)) for arrow in arrows(figure)]
-        lines = [sheet.transData.transform_path(line) for line in lines]
-        edges = [p.get_window_extent() for p in sheet.patches if isinstance(p, Rectangle)]
-        for text, a in every:
-            assert figure.bbox.contains(*a.p0), text
-            assert figure.bbox.contains(*a.p1), text
-            for line in lines:
-                assert not line.intersects_bbox(a, filled=False), text
-            for edge in edges:
-                inside = edge.contains(*a.p0) and edge.contains(*a.p1)
-                assert inside or not overlap(a, edge), f"{text} on the edge of a box"
-
-    for_each({str(name): (name,) for name in ("rig", *PICTURES) if "bare" not in name}, check)
+@pytest.mark.parametrize("name", EVERY)
+def test_texts_are_apart_inside_the_page_and_off_the_lines(name: str) -> None:
+    figure = picture(name)
+    (sheet,) = figure.axes
+    every = [(text.get_text(), framed(text)) for text in texts(figure)]
+    both = [f"{every[k][0]} on {every[n][0]}" for k, n in overlapping([a for _, a in every])]
+    assert not both
+    lines = [line.get_path() for line in sheet.lines]
+    lines += [Path(corners(arrow)) for arrow in arrows(figure)]
+    lines = [sheet.transData.transform_path(line) for line in lines]
+    edges = [p.get_window_extent() for p in sheet.patches if isinstance(p, Rectangle)]
+    for text, a in every:
+        assert figure.bbox.contains(*a.p0), text
+        assert figure.bbox.contains(*a.p1), text
+        for line in lines:
+            assert not line.intersects_bbox(a, filled=False), text
+        for edge in edges:
+            inside = edge.contains(*a.p0) and edge.contains(*a.p1)
+            assert inside or not overlap(a, edge), f"{text} on the edge of a box"
 
 
-def test_a_drawing_shows_each_part_of_a_rig_and_each_parameter() -> None:
-    for name, rig in PICTURES.items():
-        shown = " ".join(text.get_text() for text in texts(picture(name)))
-        for parameter in rig.parameters:
-            assert shown.count(rig.symbols[parameter].latex) >= 1, (name, parameter)
-        there = [i for i in rig.roles.inertias if i.inertia in rig.parameters]
-        assert all(i.words.removeprefix("the ") in shown for i in there), name
-        assert all(rig.symbols[n].latex in shown for n in rig.inputs), name
+@pytest.mark.parametrize("name", EVERY)
+def test_a_drawing_shows_each_part_of_a_rig_and_each_parameter(name: str) -> None:
+    rig = PICTURES[name]
+    shown = " ".join(text.get_text() for text in texts(picture(name)))
+    for parameter in rig.parameters:
+        assert shown.count(rig.symbols[parameter].latex) >= 1, (name, parameter)
+    there = [i for i in rig.roles.inertias if i.inertia in rig.parameters]
+    assert all(i.words.removeprefix("the ") in shown for i in there), name
+    assert all(rig.symbols[n].latex in shown for n in rig.inputs), name
 
 
 def test_the_rig_says_what_is_measured_and_by_how_much_it_is_geared() -> None:
-    shown = [text.get_text() for text in texts(picture("rig"))]
+    shown = [text.get_text() for text in texts(picture("bare paper"))]
     (note,) = (text for text in shown if text.startswith("measured: "))
     seen, unseen = note.split("; not measured: ")
     for k in (1, 2):

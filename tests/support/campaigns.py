@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 from support import command_line
 from support.command_line import CommandResult, cli
-from support.simulated_campaigns import BRIEF
 
-from bayesdrill.campaigns import study
+from bayesdrill.campaigns import population, study
 from bayesdrill.campaigns.population import PopulationSettings
+from bayesdrill.sampling.convergence import Targets
 
 CAMPAIGN = """\
 name: many
@@ -26,6 +26,7 @@ simulation:
   spread: {j_1: 0.04, k_e: 0.02}
   noted: {temperature: {k_e: 0.01}}
 """
+SOON_MET = Targets(r_hat=1.1, n_tau=5.0, ess=50.0)
 QUICK = CAMPAIGN.replace("noted:", "effort: 100\nnoted:", 1).replace("runs: 6", "runs: 4")
 
 
@@ -58,8 +59,9 @@ def campaign(folder: Path, *changes: tuple[str, str], text: str = CAMPAIGN) -> P
 def run(*arguments: str | Path) -> CommandResult:
     """Run a command whose population is sampled until targets that are soon met."""
     with pytest.MonkeyPatch.context() as patch:
-        brief = functools.partial(PopulationSettings, targets=BRIEF)
-        patch.setattr(study, "PopulationSettings", brief)
+        quick = functools.partial(PopulationSettings, targets=SOON_MET, chains=2)
+        patch.setattr(study, "PopulationSettings", quick)
+        patch.setattr(population, "FIRST_CHECK", 200)
         return cli(*arguments)
 
 

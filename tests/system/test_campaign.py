@@ -75,6 +75,7 @@ def test_another_seed_is_refused_on_resuming(copy: Finished) -> None:
     assert_refused(copy.command("campaign", "--resume", "--seed", "5"), "the seed was 0 and is 5")
 
 
+@pytest.mark.slow
 def test_resuming_fits_only_missing_damaged_and_changed_runs(copy: Finished) -> None:
     """The missing one gets the same bytes, though it is now computed first."""
     before, times = copy.draws, copy.times
@@ -118,6 +119,7 @@ def test_a_population_is_sampled_again_only_when_something_that_decides_it_chang
     assert copy.record["mark"] != json.loads(pages["campaign.json"])["mark"]
 
 
+@pytest.mark.slow
 def test_a_run_has_a_page_on_demand_to_which_its_points_link(copy: Finished) -> None:
     """A page of other draws is none, so that its links go when a record changes."""
     assert 'class="links"' in (copy.folder / "report.html").read_text()

@@ -130,9 +130,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
 
 def prepare(folder: Path, case: dict[str, Any], finished: Finished) -> None:
     """Write the files of a case into `folder`."""
-    shutil.copytree(finished.path.parent, folder)
-    if case.get("run") != "resume":
-        shutil.rmtree(folder / "out")
+    needless = () if case.get("run") == "resume" else ("out",)
+    shutil.copytree(finished.path.parent, folder, ignore=shutil.ignore_patterns(*needless))
     for key, name in CHANGED.items():
         path = folder / name
         path.write_text(command_line.replaced(path.read_text(), *case.get(key, ())))

@@ -12,7 +12,7 @@ from support.command_line import REFUSALS, assert_refused, cli, listing, posteri
 import bayesdrill as bd
 from bayesdrill.report import style
 
-NUMBERS = ("--high", "12", "--hold", "0.5", "--draws", "2")
+NUMBERS = ("--high", "12", "--hold", "1", "--draws", "2")
 
 
 def test_a_design_is_printed_and_written(tmp_path: Path) -> None:
@@ -22,6 +22,7 @@ def test_a_design_is_printed_and_written(tmp_path: Path) -> None:
     assert result.status == 0, result.text
     for text in (
         "designed",
+        "2 draws of the prior",
         "as recorded",
         "prbs",
         "k_e: from 31 % to",
@@ -38,6 +39,7 @@ def test_a_design_is_printed_and_written(tmp_path: Path) -> None:
     assert cli(*quick, "--force").status == 0
 
 
+@pytest.mark.slow
 def test_a_run_ends_with_the_line_that_starts_a_design_with_its_posterior(tmp_path: Path) -> None:
     box = "{prior: uniform, low: 0.5, high: 1.5, relative: true}"
     config = small_config(tmp_path, ("c_m: nominal", f"c_m: {box}"))
@@ -45,10 +47,9 @@ def test_a_run_ends_with_the_line_that_starts_a_design_with_its_posterior(tmp_pa
     line = f"bayesdrill design {tmp_path / 'run'} --learn 'c_m"
     assert ("Not determined" in run.out) == (line in run.out), run.out
     assert line in run.out
-    known, unknown = (cli("design", path, *NUMBERS) for path in (tmp_path / "run", config))
-    assert known.status == unknown.status == 0, known.text
+    known = cli("design", tmp_path / "run", *NUMBERS)
+    assert known.status == 0, known.text
     assert "2 draws of the posterior" in known.out
-    assert "2 draws of the prior" in unknown.out
 
 
 def test_an_interrupted_save_leaves_no_half_folder(
@@ -78,6 +79,7 @@ def test_mistakes_end_in_a_sentence_and_no_waveform(
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_a_parameter_below_the_noise_is_refused(tmp_path: Path) -> None:
     box = "{prior: uniform, low: 0.5, high: 1.5, relative: true}"
     config = small_config(tmp_path, ("c_m: nominal", f"c_m: {box}"))

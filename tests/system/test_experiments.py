@@ -19,9 +19,9 @@ from bayesdrill.tasks import calibrate
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of a finished run of both experiments, with its figure of the fit."""
+    """Folder of a finished run of both experiments."""
     folder = tmp_path_factory.mktemp("pair")
-    config = two_experiments.write(folder, ("figures: []", "figures: [fit, predictive_check]"))
+    config = two_experiments.write(folder)
     result = posterior(config, folder / "out")
     assert result.status == 0, result.text
     assert "sampling: converged after " in result.out

@@ -106,8 +106,11 @@ def test_a_map_is_written_on_request_and_a_missing_file_of_it_made_again(tmp_pat
     assert cli("verify", out).status == 0
 
 
-def test_a_fit_that_must_not_be_believed_ends_with_status_3(tmp_path: Path) -> None:
+def test_a_fit_that_must_not_be_believed_ends_with_status_3(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As its posterior does; the report says so before it describes the fit."""
+    try_only({"offset_w_1"}, monkeypatch)
     config, out = command_line.small_config(tmp_path, WRONG_UNIT), tmp_path / "out"
     result = cli("map", config, "--quick", "--output", out, "--processes", "1")
     assert result.status == 3
@@ -123,6 +126,7 @@ def test_a_fit_that_must_not_be_believed_ends_with_status_3(tmp_path: Path) -> N
     assert "BELIEVE" not in best().table
 
 
+@pytest.mark.slow
 def test_a_prior_that_ends_too_early_is_widened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,7 +4,6 @@ import itertools
 from pathlib import Path
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 import xarray
@@ -12,7 +11,6 @@ from support import command_line, finished_runs
 from support.finished_runs import FIGURES, FILES, FinishedRun
 
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
-from bayesdrill.results.run_folder import seal
 from bayesdrill.sampling.proposal import learning
 from bayesdrill.tasks import pipeline
 
@@ -69,24 +67,39 @@ def test_the_chain_does_not_depend_on_the_processes(converged: FinishedRun, tmp_
     assert (tmp_path / "small.csv").read_text() == command_line.small_record()
 
 
-def test_a_report_made_again_says_the_same_times(
+def test_a_report_made_again_says_the_same_times_and_doubts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The run's own report rounds as `run.json` does; the global generator of NumPy is not used."""
+    """The run's own report rounds as `run.json` does; the global generator of NumPy is not used.
+
+    Here the proposal does not cover an eighth of the posterior; of 2 % there is only a note.
+    """
     state = np.random.get_state()  # noqa: NPY002
     clock = (k * 0.04996 for k in itertools.count())
     with monkeypatch.context() as patch:
         patch.setattr(pipeline, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+        patch.setattr(learning, "missed_mass", lambda *_: 0.125)
         run = fresh(tmp_path)
     after = np.random.get_state()  # noqa: NPY002
     assert state[2:] == after[2:]
     assert np.array_equal(state[1], after[1])
-    assert run.result.status == 0, run.result.text
     assert run.json["seconds"] == {"map": 0.05, "sampling": 0.05, "report": 0.05}
-    page = (run.folder / "report.html").read_bytes()
-    report = command_line.cli("report", run.folder, "--processes", "1")
-    assert report.status == 0, report.text
-    assert (run.folder / "report.html").read_bytes() == page
+    page, report = run.folder / "report.html", ("report", run.folder, "--processes", "1")
+    before = page.read_bytes()
+    words = "about 12 % of the posterior lies where the proposal hardly ever"
+    for result in (run.result, command_line.cli(*report)):
+        assert result.status == 3, result.text
+        assert f"coverage: {words}" in result.out
+    assert page.read_bytes() == before
+    assert (run.json["missed"], run.json["verdict"]["agrees"]) == (0.125, None)
+    assert "ROUGH" in (run.folder / "summary.md").read_text()
+    data = loads_checksummed((run.folder / "run.json").read_bytes())
+    (run.folder / "run.json").write_text(dumps_checksummed({**data, "missed": 0.02}))
+    result = command_line.cli(*report)
+    assert result.status == 0, result.text
+    words = "note: coverage: about 2 % of the posterior lies where the proposal hardly ever leads,"
+    assert f"{words} so the ends of intervals are rough" in result.out
+    assert run.json["missed"] == 0.02
 
 
 def test_a_run_that_did_not_converge_says_so(unconverged: FinishedRun) -> None:
@@ -99,28 +112,6 @@ def test_a_run_that_did_not_converge_says_so(unconverged: FinishedRun) -> None:
     run = unconverged.json
     assert (run["status"], run["converged"], run["steps"]) == ("finished", False, 700)
     assert command_line.cli("report", unconverged.folder, "--processes", "1").status == 3
-
-
-def test_a_posterior_that_the_proposal_does_not_cover_is_not_believed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Neither by the run nor by a later report; 2 % that it does not cover is a note."""
-    monkeypatch.setattr(learning, "missed_mass", lambda *_: 0.125)
-    run = fresh(tmp_path)
-    report = ("report", run.folder, "--processes", "1")
-    words = "about 12 % of the posterior lies where the proposal hardly ever"
-    for result in (run.result, command_line.cli(*report)):
-        assert result.status == 3, result.text
-        assert f"coverage: {words}" in result.out
-    assert (run.json["missed"], run.json["verdict"]["agrees"]) == (0.125, None)
-    assert "ROUGH" in (run.folder / "summary.md").read_text()
-    data = loads_checksummed((run.folder / "run.json").read_bytes())
-    (run.folder / "run.json").write_text(dumps_checksummed({**data, "missed": 0.02}))
-    result = command_line.cli(*report)
-    assert result.status == 0, result.text
-    words = "note: coverage: about 2 % of the posterior lies where the proposal hardly ever draws,"
-    assert f"{words} so the ends of intervals are rough" in result.out
-    assert run.json["missed"] == 0.02
 
 
 def test_python_without_docstrings_is_refused(
@@ -136,6 +127,7 @@ def test_python_without_docstrings_is_refused(
     ]
 
 
+@pytest.mark.slow
 def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
@@ -153,24 +145,3 @@ def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(
     assert report.status == 0, report.text
     assert words in report.out
     assert not (run.folder / "opened.npz").exists()
-
-
-def test_a_stuck_walker_keeps_a_run_from_being_believed(copy: FinishedRun) -> None:
-    """The last log density of a walker of each ensemble is raised, so that it accepts no proposal.
-
-    R-hat, autocorrelation times and effective draws are content with the chain that goes on.
-    """
-    with h5py.File(copy.folder / "chain.h5", "r+") as file:
-        for k in range(4):
-            last = file[f"ensemble_{k}"]["chain"][-1]
-            middle = np.argmin(np.abs(last / np.median(last, axis=0) - 1).max(axis=1))
-            file[f"ensemble_{k}"]["log_prob"][-1, middle] += 1e6
-            seal(file[f"ensemble_{k}"])
-    command_line.replace_text(copy.config, "ess: 100, max_steps: 500", "ess: 8000, max_steps: 1200")
-    result = command_line.posterior(copy.config, copy.folder, "--resume")
-    assert result.status == 3, result.text
-    assert "4 of 32 walkers (1 in ensemble 0, 1 in ensemble 1" in result.out
-    assert "stuck: the longest did not move for" in result.out
-    assert copy.json["steps"] == 1200
-    assert len(copy.json["reasons"]) == 1
-    assert "stuck" in (copy.folder / "summary.md").read_text()

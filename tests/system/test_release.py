@@ -142,7 +142,10 @@ def test_the_changelog_has_this_version() -> None:
     assert sections <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
 
 
+@pytest.mark.slow
 def test_the_sdist_holds_what_tests_and_docs_need_and_no_results(dist: Dist) -> None:
+    for path in (dist.wheel, dist.sdist):
+        assert path.stat().st_size < LARGEST[path.suffix], path.name
     with tarfile.open(dist.sdist) as archive:
         names = [name.split("/", 1)[1] for name in archive.getnames()]
     assert not [n for n in names if re.match(r"(results/.+/|\.venv|dist|\.git/)|.*__pycache__", n)]
@@ -150,11 +153,6 @@ def test_the_sdist_holds_what_tests_and_docs_need_and_no_results(dist: Dist) -> 
     assert needed | {"tests/support/command_line.py", "configs/records/nominal_step.csv"} <= {
         *names
     }
-
-
-def test_wheel_and_sdist_stay_small(dist: Dist) -> None:
-    for path in (dist.wheel, dist.sdist):
-        assert path.stat().st_size < LARGEST[path.suffix], path.name
 
 
 PYTHONS = ("3.12", "3.13", "3.14", "3.15")

@@ -137,6 +137,7 @@ def test_resuming_under_another_version_of_what_decides_the_chain_is_refused(
         assert '"the version of numpy": "0.0.1"' in (copy.folder / "run.json").read_text()
 
 
+@pytest.mark.slow
 def test_force_killed_while_it_clears_a_folder_can_be_repeated(
     converged: FinishedRun, copy: FinishedRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:

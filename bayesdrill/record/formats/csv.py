@@ -188,9 +188,9 @@ def without_empty_tail(lines: TextLines, dialect: Dialect) -> TextLines:
 
 def without_line_marks(lines: TextLines, options: CsvOptions) -> TextLines:
     """Strip a mark at the end of lines, as in `1, 2;`, if this turns more cells into numbers."""
-    before = _score(lines.texts, find_dialect(lines.texts, options))
     for mark in ";,|":
         if lines.texts[-1].rstrip().endswith(mark):
+            before = _score(lines.texts, find_dialect(lines.texts, options))
             bare = [text.rstrip(f"{mark} ") for text in lines.texts]
             if _score(bare, find_dialect(bare, options)) > before:
                 return dataclasses.replace(lines, texts=bare)

@@ -69,6 +69,7 @@ def test_distance_from_the_truth_is_split_along_the_symmetries() -> None:
     assert searches.distinct_ends(moved, truth, [])[1:] == pytest.approx((further, further))
 
 
+@pytest.mark.slow
 def test_path_of_the_heuristic_begins_and_ends_at_its_misfits() -> None:
     target = posterior(noisy_step(SIGMA, n=60), SIGMA, free=("k_e", "k_s", "j_1"))
     names = target.space.free
@@ -149,6 +150,7 @@ def verified() -> Verified:
         return rig, searches.verify(pool, rig, truth, SIGMAS, 4, plan), truth, one
 
 
+@pytest.mark.slow
 @run_cases("sigma", SIGMAS)
 def test_bounds_and_posteriors_grow_with_the_noise(verified: Verified, sigma: float) -> None:
     """The priors, ten sd wide at least, do not matter: the posterior is as wide as the bound.
@@ -164,6 +166,7 @@ def test_bounds_and_posteriors_grow_with_the_noise(verified: Verified, sigma: fl
     assert np.abs(off).max() < 0.4
 
 
+@pytest.mark.slow
 def test_records_differ_in_the_size_of_their_noise_alone(verified: Verified) -> None:
     """So estimates of a nearly linear problem lie in proportion off the truth, in both ways."""
     _, found, truth, one = verified
@@ -182,6 +185,7 @@ def test_records_differ_in_the_size_of_their_noise_alone(verified: Verified) -> 
     assert found.values[0.001]["truth"] == pytest.approx(truth)
 
 
+@pytest.mark.slow
 @run_cases("sigma", SIGMAS)
 def test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model(
     verified: Verified, sigma: float

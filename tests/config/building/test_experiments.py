@@ -114,6 +114,7 @@ def test_each_experiment_moves_with_its_own_numbers(tmp_path: Path) -> None:
     assert fast == pytest.approx(alone(tmp_path, "fast", tied))
 
 
+@pytest.mark.slow
 def test_a_known_load_on_a_cart_determines_its_mass(tmp_path: Path) -> None:
     """Mass and stiffness have one scale: only another known mass in one of the runs shows it."""
     path = write(tmp_path, CART)

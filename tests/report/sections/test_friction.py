@@ -25,7 +25,7 @@ V = np.where((T // 2.52) % 2 == 0, 1.0, -1.0) * np.where(T < 5.04, 5.0, 2.5)
 TRUTH = {"t_cm": 0.03, "t_c1": 0.2, "t_s1": 0.35, "w_s1": 0.8}
 TABLE = {**NOMINAL, "t_cm": 0.033, "t_c1": 0.18, "t_s1": 0.35, "w_s1": 0.8}
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-SAMPLER = {"ensembles": 4, "walkers": 16, "ess": 100, "n_tau": 10}
+SAMPLER = {"ensembles": 4, "walkers": 8, "r_hat": 1.1, "ess": 100, "n_tau": 5}
 
 
 @cache
@@ -46,6 +46,7 @@ def case() -> bd.Case:
         nominal=TABLE,
         parameters=known | dict.fromkeys(("k_s", "t_cm", "t_c1"), BOX),
         sampler=SAMPLER,
+        map={"starts": 1},
         seed=3,
     )
 
