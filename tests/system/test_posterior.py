@@ -97,7 +97,7 @@ def test_a_report_made_again_says_the_same_times_and_doubts(
     (run.folder / "run.json").write_text(dumps_checksummed({**data, "missed": 0.02}))
     result = command_line.cli(*report)
     assert result.status == 0, result.text
-    words = "note: coverage: about 2 % of the posterior lies where the proposal hardly ever leads,"
+    words = "note: coverage: about 2 % of the posterior lies where the proposal hardly ever draws,"
     assert f"{words} so the ends of intervals are rough" in result.out
     assert run.json["missed"] == 0.02
 
