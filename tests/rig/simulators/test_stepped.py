@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.case_tables import run_cases
+from support.case_tables import run_cases, slow_except
 from support.friction_cases import CASES, moved
 from support.friction_oracle import RUBS, simulate
 from support.stepped_friction import experiment_of, model_of, parameters, states, stepped
@@ -17,7 +17,7 @@ from bayesdrill.rig.simulators.stepped import Stepped
 
 W_1, W_2 = 2, 3
 QUICK = ("stick slip", "falling", "sine", "other")
-EVERY = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in CASES]
+EVERY = slow_except(QUICK, CASES)
 
 
 def off(name: str, pieces: int) -> np.ndarray:
