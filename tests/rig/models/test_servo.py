@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg
-from support.case_tables import run_cases
+from support.case_tables import run_cases, slow_except
 from support.document_blocks import ROOT
 from support.servo_oracle import Servo
 from support.state_records import record_of_states
@@ -100,7 +100,7 @@ def test_a_servo_without_a_limit_is_a_linear_closed_loop() -> None:
     assert made.signals(full)[0] == pytest.approx(np.array(expected), abs=1e-11)
 
 
-@run_cases("kind", SERVOS)
+@pytest.mark.parametrize("kind", slow_except(("supply", "all"), SERVOS))
 def test_a_servo_that_saturates_moves_as_from_event_to_event(kind: str) -> None:
     """At one step to a sample: 1e-6 of the swing, and of second order in the step."""
     values, corners = SERVOS[kind], TIME * np.arange(1, len(GOALS))
@@ -210,7 +210,7 @@ def test_a_supply_that_stays_at_its_usual_value_is_no_input() -> None:
         assert row["theta_arm"] == pytest.approx(rows[0]["theta_arm"], abs=1e-12)
 
 
-@run_cases("limited", [True, False])
+@pytest.mark.parametrize("limited", slow_except((True,), (True, False)))
 def test_check_says_how_often_a_servo_saturates(limited: bool) -> None:
     """Of a goal far away at first: half of the supply would be exceeded until it is near."""
     values = {**PLAIN, "k_d_arm": 0.0, **({"limit_arm": 0.5} if limited else {})}

@@ -265,7 +265,7 @@ MAKE: dict[str, Callable[[], Case]] = {
         gears={"box": {"between": ["d3", "d4"], "ratio": -0.07}}, added=("l_d0", "c_s0", "c_s7"),
     ),
     "rubs, gaps": lambda: rubs(PERFECT, *EVERY_SUM),
-    "rubs, all sensors": lambda: rubs(FELT, *EVERY_SUM),
+    "rubs, all sensors": lambda: rubs(FELT, "intervals"),
 }  # fmt: skip
 SENSED = {
     "gains": ObservationModel(gains={"alpha": "gain_alpha", "w_2": "gain_w_2"}),
@@ -318,7 +318,13 @@ QUICK = (
 )
 EVERY_CASE = slow_except(QUICK, MAKE)
 LINEAR = slow_except(QUICK, (name for name in MAKE if not name.startswith("rubs")))
-SHORT = ("even, held voltage", "held voltage, from before", "even, straight", "2 states", "12 states")
+SHORT = (
+    "even, held voltage",
+    "held voltage, from before",
+    "even, straight",
+    "2 states",
+    "12 states",
+)
 FEW = slow_except(QUICK, (name for name in MAKE if name.startswith(SHORT)))
 
 

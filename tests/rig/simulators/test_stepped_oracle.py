@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from support.case_tables import run_cases, slow_except
-from support.friction_cases import CASES, moved
+from support.friction_cases import moved
 from support.friction_oracle import Rig, simulate
 from support.scipy_oracles import NOMINAL
 
@@ -46,7 +46,13 @@ def test_a_rotor_coasts_until_it_sticks(viscous: float, sign: int) -> None:
     assert not found.of("w_1")[stuck].any()
 
 
-STICK = {"stick slip": (1,), "reversing": (0, 1), "static": (0, 1), "servo": (0, 1), "other": (0, 2)}
+STICK = {
+    "stick slip": (1,),
+    "reversing": (0, 1),
+    "static": (0, 1),
+    "servo": (0, 1),
+    "other": (0, 2),
+}
 REVERSE = {"reversing": (2, 3, 4), "other": (2,), "servo": (2, 4)}
 
 
