@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from support.case_tables import run_cases
+from support.case_tables import run_cases, slow_except
 from support.missing_physics import T, against_the_table, believed, best, record
 
 from bayesdrill.analysis.causes import equivalent_explanation
@@ -24,15 +24,12 @@ def fit_of(steady: bool = False, **added: float) -> tuple[Posterior, np.ndarray]
     return target, best(target)
 
 
-QUICK = (("t_c1", False), ("t_c1", True), ("c_s", False))
-EVERY = [
-    pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow)
-    for case in product(SIZES, (False, True))
-]
+EVERY = slow_except((("t_c1", False),), product(SIZES, (False, True)))
 
 
-@pytest.mark.parametrize(("name", "steady"), EVERY)
-def test_a_table_is_right_with_the_physics_that_the_rig_lacks(name: str, steady: bool) -> None:
+@pytest.mark.parametrize("case", EVERY)
+def test_a_table_is_right_with_the_physics_that_the_rig_lacks(case: tuple[str, bool]) -> None:
+    name, steady = case
     target, theta = fit_of(steady, **{name: SIZES[name]})
     explanation = equivalent_explanation(against_the_table(target), theta)
     assert explanation.parameter == name

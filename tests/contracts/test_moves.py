@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields, replace
 import emcee
 import numpy as np
 import pytest
-from support.case_tables import run_cases
+from support.case_tables import run_cases, slow_except
 from support.handmade_proposals import advance_draws, rough
 from support.known_targets import TARGETS, Target
 
@@ -119,9 +119,12 @@ class StepTrapped:
         return state, step_trapped(model, state, self.proposal, log_q)
 
 
-@run_cases("name, d", [("wild", 5), ("bent", 2), ("two_modes", 5)])
-def test_steps_of_trapped_walkers_keep_the_target(name: str, d: int) -> None:
+@pytest.mark.parametrize(
+    "case", slow_except((("bent", 2),), (("wild", 5), ("bent", 2), ("two_modes", 5)))
+)
+def test_steps_of_trapped_walkers_keep_the_target(case: tuple[str, int]) -> None:
     """About half of them step, since their limit is set where most of the target is."""
+    name, d = case
     proposal = rough(TARGETS[name], d, 2)
     typical = proposal.typical_log_ratio - LONG_LOG_RATIO
     move = StepTrapped(replace(proposal, typical_log_ratio=typical))
@@ -147,7 +150,7 @@ def is_rejected(move: emcee.moves.Move, d: int) -> bool:
     return any(target.p_values(end).min() < LEAST_P_VALUE for target, end in ends)
 
 
-@run_cases("d", [2, 5])
+@pytest.mark.parametrize("d", slow_except((2,), (2, 5)))
 def test_a_wrong_stretch_move_is_rejected(d: int) -> None:
     """The exact test has the power that it claims: a factor off by one power, and one forgotten."""
     assert is_rejected(Stretch(d / (d - 1.0)), d)

@@ -15,6 +15,7 @@ from bayesdrill.tasks.design import coming_config
 PRODUCTS = ("k_s/j_1", "k_s/j_m", "c_m/j_m", "t_f/j_m", "k_e", "r_m/l_m", "k_T/(j_m*l_m)")
 
 
+@pytest.mark.slow
 def test_the_design_of_the_bundled_rig_is_far_sharper_than_its_step() -> None:
     """The figures are those of a search by exchange in plain NumPy, without code of the package."""
     case = bd.load("configs/nominal_step.yaml")
@@ -101,6 +102,7 @@ def test_a_batch_of_experiments_is_sharper_than_a_repeated_one(tmp_path: Path) -
     assert [x.label for x in coming.job.problem.observations] == ["coming_1", "coming_2"]
 
 
+@pytest.mark.slow
 def test_friction_wants_coasts_or_reversals_rather_than_a_step() -> None:
     """Viscous and dry friction differ in how they depend on the speed, which a step does not show."""
     priors = dict.fromkeys(NOMINAL, "nominal") | {"t_f": 1e-6, "k_s": BOX, "c_m": BOX}
@@ -113,6 +115,7 @@ def test_friction_wants_coasts_or_reversals_rather_than_a_step() -> None:
     assert np.ptp(designed.levels) >= 12.0
 
 
+@pytest.mark.slow
 def test_the_promise_for_the_bundled_record_is_what_its_published_run_has() -> None:
     """`k_e` depends by a curve on `c_m`, which stays between the ends of its prior."""
     published = {}

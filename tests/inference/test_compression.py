@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 T = np.arange(24_001) / 500.0
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-SAMPLED = 4001  # samples of records that are sampled exactly too
+SAMPLED = 2001  # samples of records that are sampled exactly too
 RHO = 0.8
 LEVEL = {"prior": "log_uniform", "low": 0.01, "high": 1.0}
 
@@ -193,6 +193,7 @@ def test_a_resumed_run_has_the_same_basis_functions() -> None:
     assert np.array_equal(*triangles)
 
 
+@pytest.mark.slow
 def test_autoregressive_noise_is_compressed_too() -> None:
     """The record has one channel, and its draws are compared with the exact likelihood."""
     t, v, w, rng = speeds(2401, 6)

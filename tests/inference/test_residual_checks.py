@@ -55,8 +55,8 @@ def white(seed: int) -> Array:
 
 
 def test_records_of_the_model_give_a_finding_as_seldom_as_stated() -> None:
-    """In 2000 records, of which all channels together may give 1 % (fits make it rather 0.7 %)."""
-    every = [summaries(white(seed)) for seed in range(2000)]
+    """In 1000 records, of which all channels together may give 1 % (fits make it rather 0.7 %)."""
+    every = [summaries(white(seed)) for seed in range(1000)]
     wrong = [any(x.large or x.small or x.correlated or x.far for x in of) for of in every]
     assert 0.3 * FALSE_ALARM < np.mean(wrong) < 1.6 * FALSE_ALARM
     for kind in ("large", "correlated", "far"):
