@@ -52,8 +52,8 @@ def test_limits_and_slew_are_kept() -> None:
 
 def test_the_heat_over_the_run_is_limited_and_used() -> None:
     """Heat in the winding, integrated on a finer grid of another solver, is what the limit allows."""
-    case, allowed = two(), 20.0
-    numbers = {"high": 12.0, "hold": 0.5, "draws": 1}
+    case, allowed = two(), 10.0
+    numbers = {"high": 12.0, "hold": 0.5, "draws": 1, "duration": 3.0}
     designed = case.design(limits=f"integral(r_m*i**2)=:{allowed}", **numbers)
     source, values = designed.design.request.source, {**NOMINAL, **bd.nominal()}
     t = np.linspace(0.0, source.t[-1], 100 * (len(source.t) - 1) + 1)

@@ -1,6 +1,5 @@
 """Starts of searches by inverse dynamics, from configured starts that are far from the truth."""
 
-
 import numpy as np
 import pytest
 from support.case_tables import slow_except
