@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from support.scipy_oracles import NOMINAL
+from support.syntax import nodes
 
 import bayesdrill as bd
 from bayesdrill.analysis import edits, plausibility
@@ -235,7 +236,7 @@ def test_no_module_outside_rigs_knows_a_symbol_by_its_spelling() -> None:
         text = path.read_text()
         assert not asked.findall(text), path
         if not path.relative_to(ROOT / "bayesdrill").as_posix().startswith(EXCEPTIONS):
-            constants = {n.value for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Constant)}
+            constants = {n.value for n in nodes(path) if isinstance(n, ast.Constant)}
             assert constants & known == set(), path
 
 
