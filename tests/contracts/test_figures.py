@@ -21,6 +21,7 @@ from support.scipy_oracles import NOMINAL
 import bayesdrill as bd
 from bayesdrill import output_files
 from bayesdrill.basics.findings import Finding
+from bayesdrill.config.schema.records import OutputSpec
 from bayesdrill.output_files import POSTERIOR
 from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.scales import WIDTHS
@@ -63,14 +64,14 @@ def run(*, missing_torque: bool) -> bd.Run:
 
 def with_output(view: ReportContext, **entries: object) -> ReportContext:
     output = view.config.output.model_copy(update=entries)
-    return dataclasses.replace(view, config=view.config.model_copy(update={"output": output}))
+    config = view.config.model_copy(update={"output": output})
+    return dataclasses.replace(view, config=config, analyse=lambda _: view.analysis)
 
 
 @cache
-def view_of(size: str | None, *, missing_torque: bool) -> ReportContext:
-    """Return the view of a run in a size, or that of its config, which has every figure drawn."""
-    view = run(missing_torque=missing_torque)._view
-    return with_output(view, figures=DRAWN, size=size or view.config.output.size)
+def view_of(size: str, *, missing_torque: bool) -> ReportContext:
+    """Return the view of a run in a size, which has every figure drawn."""
+    return with_output(run(missing_torque=missing_torque)._view, figures=DRAWN, size=size)
 
 
 def figure_of(name: str, view: ReportContext) -> Figure:
@@ -79,7 +80,7 @@ def figure_of(name: str, view: ReportContext) -> Figure:
 
 
 @cache
-def figure_of_run(name: str, size: str | None = None) -> Figure:
+def figure_of_run(name: str, size: str) -> Figure:
     torque = name in ("torque", "frequency_response")
     return figure_of(name, view_of(size, missing_torque=torque))
 
@@ -90,7 +91,7 @@ def labels(figure: Figure) -> str:
 
 @run_cases("name", DRAWN)
 def test_it_is_drawn_and_has_words_on_its_axes(name: str) -> None:
-    figure = figure_of_run(name)
+    figure = figure_of_run(name, OutputSpec().size)
     assert figure.axes
     assert labels(figure)
     for end in output_files.FORMATS:

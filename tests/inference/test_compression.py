@@ -54,7 +54,7 @@ def case_of(
         {"v": bd.Input(v, "V")},
         parameters={name: BOX if name in free else "nominal" for name in NOMINAL},
         nominal="tables_2_3",
-        sampler={"likelihood": likelihood, "walkers": 32, "ess": 1000},
+        sampler={"likelihood": likelihood, "walkers": 32, "ess": 500},
         output={"figures": ["fit"]},
         name="long",
     )
@@ -77,7 +77,7 @@ def test_the_posterior_is_that_of_all_samples() -> None:
     assert compressed.converged
     assert exact.converged
     for mine, row in zip(compressed.analysis.unknowns, exact.analysis.unknowns, strict=True):
-        assert abs(mine.mean - row.mean) < 0.15 * row.sd  # some five Monte Carlo errors
+        assert abs(mine.mean - row.mean) < 0.2 * row.sd  # some five Monte Carlo errors
     assert compressed.evidence.log_z == pytest.approx(exact.evidence.log_z, abs=0.1)
     assert exact.sampled.compression is None
     check = compressed.sampled.compression  # of draws, against the exact likelihood
@@ -94,8 +94,8 @@ def test_a_record_that_is_too_long_is_not_predicted_sample_by_sample(
     run = dataclasses.replace(sampled("exact"))  # of which nothing was said yet
     (whole,) = every_fit(run.job.problem, run.sampled.draws[0, -1], run.analysis.fit)
     assert len(whole.t) == SAMPLED
-    monkeypatch.setattr(fit_section, "SHOWN_STRETCHES", 125)
-    monkeypatch.setattr(fit_section, "DOTS", 750)
+    monkeypatch.setattr(fit_section, "SHOWN_STRETCHES", 60)
+    monkeypatch.setattr(fit_section, "DOTS", 375)
     tree = run.to_arviz()
     assert not {"posterior_predictive", "log_likelihood"} & {*tree.children}
     assert tree["observed_data"]["w_1"].shape == (SAMPLED,)

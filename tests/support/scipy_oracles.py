@@ -56,15 +56,3 @@ def by_expm(p: dict[str, float], t: np.ndarray, x0: np.ndarray, v: float, t_1: f
     augmented[:5, 5] = b_v * v + b_t * t_1 + c
     start = np.append(x0, 1.0)
     return np.array([(scipy.linalg.expm(augmented * s) @ start)[:5] for s in t])
-
-
-def with_damping(c_s: float, r_s: float, t: np.ndarray) -> np.ndarray:
-    """States `(T, 5)` at 8 V of the nominal rig, with damping of its shaft and a series resistance."""
-    a, v, _, friction = matrices(NOMINAL)
-    a[2, 2:4] += np.array([-c_s, c_s]) / NOMINAL["j_1"]
-    a[3, 2:4] += np.array([c_s, -c_s]) / NOMINAL["j_m"] / 64
-    a[4, 4] -= r_s / NOMINAL["l_m"]
-    whole = np.zeros((6, 6))
-    whole[:5, :5], whole[:5, 5] = a, 8.0 * v + friction
-    start = np.append(np.zeros(5), 1.0)
-    return np.array([(scipy.linalg.expm(whole * time) @ start)[:5] for time in t])
