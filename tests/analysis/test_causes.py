@@ -85,6 +85,7 @@ def check_words(causes: Causes, first: Cause) -> None:
 
 # Candidates that are refitted by a quick test; all are where none is named.
 SOME = ("offset_alpha", "offset_v", "gain_w_2", "ar1")
+SWUNG = ("free_start", "friction_rotor_1")
 # What is wrong, the part that says so, its unknown and the truth.
 WRONG: Mapping[str, tuple[Mapping[str, Any], str, str, float]] = {
     "lag": ({"late": 3}, "lag_alpha", "lag_alpha", 0.03),
@@ -243,9 +244,12 @@ def test_a_torque_that_is_late_is_named(late: int, tmp_path: Path) -> None:
     check_words(causes, best)
 
 
-@pytest.mark.slow
-def test_friction_shows_once_a_rig_moves_from_its_start() -> None:
+@pytest.mark.parametrize("parts", slow_except((SWUNG,), (SWUNG, ())), ids=["some", "all"])
+def test_friction_shows_once_a_rig_moves_from_its_start(
+    parts: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A beam that was let go: taken to begin at rest it never moves, and nothing can rub."""
+    try_only(parts, monkeypatch)
     t, still = 0.01 * np.arange(150), {"w_2": 0.0, "t_1": 0.0}
     truth, start = {"k_s": 0.8, "j_1": 1.4e-3, "t_c1": 0.01}, {"theta_1": 0.5}
     rig = bd.DrivenShaft(added=("t_c1",))

@@ -169,10 +169,3 @@ def test_a_proposal_without_its_density_is_rejected() -> None:
     proposal = replace(rough(CUT, 2), mixture=wrong, typical_log_ratio=np.inf)
     piece = advance_draws(CUT, 2, INDEPENDENT, proposal, STEPS)
     assert CUT.p_values(piece.state.z).min() < LEAST_P_VALUE
-
-
-@pytest.mark.slow
-@run_cases("d", [3, 5])
-def test_the_snooker_move_of_emcee_is_rejected(d: int) -> None:
-    """That of emcee 3.1.6 fails the exact test."""
-    assert is_rejected(emcee.moves.DESnookerMove(), d)

@@ -119,7 +119,7 @@ def calls_of(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str) -> list[Any
     return calls
 
 
-@pytest.mark.parametrize("rig", slow_except(("experiments",), CONSTANTS))
+@pytest.mark.parametrize("rig", slow_except(("train",), CONSTANTS))
 @starts_believed()
 def test_pasted_lines_make_the_posterior_of_a_candidate_which_reads_nothing_again(
     rig: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -210,7 +210,7 @@ def test_a_supply_that_stays_at_its_usual_value_is_no_input() -> None:
         assert row["theta_arm"] == pytest.approx(rows[0]["theta_arm"], abs=1e-12)
 
 
-@pytest.mark.parametrize("limited", slow_except((True,), (True, False)))
+@run_cases("limited", [True, False])
 def test_check_says_how_often_a_servo_saturates(limited: bool) -> None:
     """Of a goal far away at first: half of the supply would be exceeded until it is near."""
     values = {**PLAIN, "k_d_arm": 0.0, **({"limit_arm": 0.5} if limited else {})}
