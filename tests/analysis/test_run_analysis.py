@@ -22,7 +22,6 @@ SAMPLER = {"walkers": 32, "ess": 400, "n_tau": 20}
 MOTOR = bd.Motor(added=("k_e", "k_T", "r_m", "l_m"))
 VALUES = {"j_m": 0.02, "c_m": 0.05, "k_e": 0.5, "k_T": 0.5, "r_m": 1.0, "l_m": 0.001}
 SDS = {"j_m": 8e-5, "c_m": 6e-5}  # as white noise would leave them
-SLOW = pytest.mark.slow
 NARROW, WIDE = 2.6, 12.0  # sds of priors over these
 
 
@@ -81,7 +80,8 @@ def test_a_run_is_not_believed_whose_sandwich_sds_do_not_determine_an_unknown() 
         assert any(key.startswith(first) for key in analysis.sandwich)
 
 
-@pytest.mark.parametrize(("widths", "rho"), [(WIDE, RHO), pytest.param(NARROW, 0.0, marks=SLOW)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("widths", "rho"), [(WIDE, RHO), (NARROW, 0.0)])
 def test_a_run_is_believed_whose_sandwich_sds_determine_as_well(widths: float, rho: float) -> None:
     """Or that leaves white noise, of which no sandwich is made."""
     believed = run(widths, rho)

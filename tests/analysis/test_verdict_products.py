@@ -44,7 +44,7 @@ def study(job: Job, values: dict[str, float]) -> IdentifiabilityStudy:
     )
 
 
-@pytest.fixture(scope="module", params=slow_except(("one weighed", "friction"), RIGS))
+@pytest.fixture(scope="module", params=slow_except(("friction",), RIGS))
 def rig(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> IdentifiabilityStudy:

@@ -72,14 +72,14 @@ def test_draws_of_the_targets_follow_their_densities(name: str) -> None:
     assert weights.mean() == pytest.approx(1.0, abs=5 * weights.std() / np.sqrt(len(x)))
 
 
-@run_cases("d", SIZES)
+@pytest.mark.parametrize("d", slow_except((5,), SIZES))
 @run_cases("move, name", PAIRS)
 def test_target_is_kept_exactly(move: str, name: str, d: int) -> None:
     """A move along a ridge or over it: bent, in units of its own, unlike the target."""
     assert_kept(TARGETS[name], d, {move: 1.0}, rough(TARGETS[name], d))
 
 
-@run_cases("d", SIZES)
+@pytest.mark.parametrize("d", slow_except((5,), SIZES))
 @run_cases("target", BENT.values(), ids=BENT)
 def test_target_is_kept_exactly_over_two_ridges(target: Target, d: int) -> None:
     """Ridges in units of their own, the draws of one likely on the other or never."""

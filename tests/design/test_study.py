@@ -50,6 +50,7 @@ def test_limits_and_slew_are_kept() -> None:
     assert twist.max() <= 3.001
 
 
+@pytest.mark.slow
 def test_the_heat_over_the_run_is_limited_and_used() -> None:
     """Heat in the winding, integrated on a finer grid of another solver, is what the limit allows."""
     case, allowed = two(), 10.0
