@@ -282,6 +282,7 @@ def test_an_offset_and_dry_friction_of_a_motor_that_turns_one_way_are_not_recomm
     assert ("alike", {*both.words}) in [(each.kind, {*each.said_of}) for each in both.doubts]
 
 
+@pytest.mark.slow
 def test_friction_that_nearly_stops_a_motor_is_not_at_the_end_of_its_prior(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -58,6 +58,7 @@ def run(widths: float, rho: float = RHO) -> bd.Run:
     return motor(widths, rho, table=widths == NARROW).sample(seed=1)
 
 
+@pytest.mark.slow
 def test_a_run_is_not_believed_whose_sandwich_sds_do_not_determine_an_unknown() -> None:
     doubted = run(NARROW)
     report, analysis = doubted.judge(), doubted.analysis
