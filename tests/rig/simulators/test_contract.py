@@ -291,7 +291,7 @@ def made(name: str) -> Case:
 
 
 # The others enter every branch with few kernels.
-SLOW = ("chain", "rubs, gaps", "2 states, jitter", "10 states", "40 states")
+SLOW = ("chain, straight inputs", "rubs, gaps", "2 states, jitter", "10 states", "40 states")
 SLOW += ("12 states, jitter, gains", "12 states, even")
 QUICK = [name for name in MAKE if not name.startswith(SLOW)]
 EVERY_CASE = slow_except(QUICK, MAKE)
