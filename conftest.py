@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 CACHE = Path(__file__).parent / ".pytest_cache"
-# Each structure of a rig takes 0.05 to 0.5 s to compile, so tests share rigs.  A whole run uses
-# some 540 kernels, and no more are wanted.
-MOST_KERNELS = 560
+# Each structure of a rig takes 0.05 to 1.4 s to compile, so tests share rigs, and no more are wanted.
+MOST_KERNELS = 460
 BEGUN, KERNELS = pytest.StashKey[float](), pytest.StashKey[int]()
 
 # Kernels of all workers and their children are compiled once, and apart from those of the user.

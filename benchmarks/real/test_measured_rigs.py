@@ -237,6 +237,7 @@ def test_the_torque_at_a_bit_is_that_of_a_load_cell_which_the_fit_never_sees(
 
 
 @drill
+@pytest.mark.slow
 def test_a_free_spring_and_a_missing_torque_cannot_be_distinguished(tmp_path: Path) -> None:
     prior = "{prior: log_normal, median: 0.1, sd_log: 2}"
     free = ("k_s: 4.11, j_1: 7.8e-3, c_s: 0.0149", f"k_s: {prior}, j_1: {prior}")

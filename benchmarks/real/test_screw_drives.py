@@ -68,6 +68,7 @@ def test_friction_forwards_and_backwards_is_that_of_the_means(drive: str, ratio:
     assert found["t_c_screw_backward"] / found["t_c_screw"] == pytest.approx(ratio, abs=0.02)
 
 
+@pytest.mark.slow
 def test_an_offset_of_the_torque_is_not_told_from_friction_that_differs_by_direction(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -37,7 +37,10 @@ def estimate(at: str, seed: int, n: int = 200, spread: float = 0.0) -> tuple[Tor
     """Return that of `n` draws, and the true torque; the draws of j_1 differ by `spread`."""
     rng = np.random.default_rng(seed)
     voltage = 8.0 * np.sin(1.3 * TIMES)
-    target, theta, torque = posterior_with_torque(TIMES, voltage, SPEEDS, rng, at=at)
+    smoothness = "1/2" if at == "motor" else "3/2"
+    target, theta, torque = posterior_with_torque(
+        TIMES, voltage, SPEEDS, rng, at=at, smoothness=smoothness
+    )
     draws = np.repeat(theta[None], n, axis=0)
     draws[:, target.space.free.index("j_1")] *= np.linspace(1 - spread, 1 + spread, n)
     (result,) = torque_estimates(target, draws, rng)

@@ -10,7 +10,7 @@ from support.command_line import ROOT
 from support.missing_physics import DT, MEASURES, SIGMA, N, best
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment as experiment_of
-from support.small_problems import posterior_of, vector
+from support.small_problems import posterior_of, starts_believed, vector
 
 import bayesdrill as bd
 from bayesdrill.analysis import suspicions
@@ -50,6 +50,7 @@ def kinds(of: Experiment, *factors: float) -> list[str]:
 
 
 @run_cases("path", CONFIGS)
+@starts_believed()
 def test_nothing_is_suspected_of_the_bundled_records(path: Path) -> None:
     assert tuple(suspicions_of_problem(bd.load(path).job.problem)) == ()
 

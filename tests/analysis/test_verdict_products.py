@@ -5,6 +5,7 @@ Of each rig the posterior of a record is exact: Gaussian in the logs, by the inf
 
 import numpy as np
 import pytest
+from support.case_tables import slow_except
 from support.linear_study import off_by
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -43,7 +44,7 @@ def study(job: Job, values: dict[str, float]) -> IdentifiabilityStudy:
     )
 
 
-@pytest.fixture(scope="module", params=RIGS)
+@pytest.fixture(scope="module", params=slow_except(("friction",), RIGS))
 def rig(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> IdentifiabilityStudy:

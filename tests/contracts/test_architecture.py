@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from support.case_tables import run_cases
+from support.syntax import nodes
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "bayesdrill"
@@ -53,11 +54,6 @@ MODULES = {module_of(path): path for path in FILES}
 
 
 @cache
-def nodes(path: Path) -> list[ast.AST]:
-    return list(ast.walk(ast.parse(path.read_text())))
-
-
-@cache
 def imported_modules(path: Path) -> frozenset[str]:
     """Return those of the package that a file imports, `folder.module` where that is a module."""
     modules: set[str] = set()
@@ -90,7 +86,7 @@ def folder_of(module: str) -> str:
 def test_every_folder_has_a_floor_and_says_what_it_is_for() -> None:
     assert {folder_of(module) for module in MODULES} == set(FLOOR)
     inits = [path / "__init__.py" for path in sorted({path.parent for path in FILES} - {PACKAGE})]
-    assert [name(p) for p in inits if not ast.get_docstring(ast.parse(p.read_text()))] == []
+    assert [name(p) for p in inits if not ast.get_docstring(nodes(p)[0])] == []
 
 
 def test_a_folder_imports_only_folders_nearer_the_ground() -> None:

@@ -9,6 +9,8 @@ import functools
 import inspect
 from pathlib import Path
 
+from support.syntax import nodes
+
 import bayesdrill
 from bayesdrill.inference import priors
 from bayesdrill.inference.likelihood import LatentTorqueObservation, Observation
@@ -84,15 +86,15 @@ def attributes() -> set[str]:
 
 def names_in(expression: ast.expr) -> set[str]:
     """Return names of classes, however they are written: `A | B`, `(A, B)`, `module.A`."""
-    nodes = [*ast.walk(expression)]
-    attributes = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
-    return attributes | {node.id for node in nodes if isinstance(node, ast.Name)}
+    parts = [*ast.walk(expression)]
+    attributes = {part.attr for part in parts if isinstance(part, ast.Attribute)}
+    return attributes | {part.id for part in parts if isinstance(part, ast.Name)}
 
 
-def offenders(text: str) -> list[tuple[int, str]]:
-    """Return lines and texts of the calls in `text` that ask a member which one it is."""
+def offenders(path: Path) -> list[tuple[int, str]]:
+    """Return lines and texts of the calls in a file that ask a member which one it is."""
     calls = []
-    for node in ast.walk(ast.parse(text)):
+    for node in nodes(path):
         match node:
             case ast.Call(func=ast.Name(id="isinstance"), args=[_, asked]):
                 asks = bool(names_in(asked) & classes())
@@ -111,7 +113,7 @@ def test_nobody_asks_a_member_which_one_it_is() -> None:
         (path.relative_to(PACKAGE).as_posix(), call): line
         for path in sorted(PACKAGE.rglob("*.py"))
         if not path.relative_to(PACKAGE).as_posix().startswith(REGISTRIES)
-        for line, call in offenders(path.read_text())
+        for line, call in offenders(path)
     }
     new = {place: line for place, line in asking.items() if place not in ALLOWED}
     assert [f"{file}:{line}: {call}" for (file, call), line in new.items()] == []

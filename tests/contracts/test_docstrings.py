@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 from support.case_tables import run_cases
+from support.syntax import nodes
 
 PACKAGE = Path(__file__).parents[2] / "bayesdrill"
 LONGEST_SENTENCE = 30  # words
@@ -58,7 +59,7 @@ def docstrings() -> dict[str, dict[str, str]]:
     texts = {room: dict[str, str]() for room in LIMITS}
     for path in sorted(PACKAGE.rglob("*.py")):
         place = path.relative_to(PACKAGE)
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in nodes(path):
             kinds = ast.Module | ast.ClassDef | ast.FunctionDef
             if isinstance(node, kinds) and (text := ast.get_docstring(node)):
                 room = place.parts[0] if len(place.parts) > 1 else "modules"

@@ -21,6 +21,7 @@ from support.scipy_oracles import NOMINAL
 import bayesdrill as bd
 from bayesdrill import output_files
 from bayesdrill.basics.findings import Finding
+from bayesdrill.config.schema.records import OutputSpec
 from bayesdrill.output_files import POSTERIOR
 from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.scales import WIDTHS
@@ -36,7 +37,7 @@ TORQUE = "missing_torque: {at: rotor_1, size: 0.02, time: 0.5}\n"
 
 
 @cache
-def run(*, missing_torque: bool = False) -> bd.Run:
+def run(*, missing_torque: bool) -> bd.Run:
     """Sample with time in ms, a twist in degrees, a speed in rpm, a voltage in mV that goes both ways.
 
     The rig rubs and has one symmetry left, so that every figure has something to show.
@@ -63,13 +64,14 @@ def run(*, missing_torque: bool = False) -> bd.Run:
 
 def with_output(view: ReportContext, **entries: object) -> ReportContext:
     output = view.config.output.model_copy(update=entries)
-    return dataclasses.replace(view, config=view.config.model_copy(update={"output": output}))
+    config = view.config.model_copy(update={"output": output})
+    return dataclasses.replace(view, config=config, analyse=lambda _: view.analysis)
 
 
-def view_with(name: str) -> ReportContext:
-    """Return the view of a run that has what a figure shows, asked for where it is drawn on request."""
-    torque = name in ("torque", "frequency_response")
-    return with_output(run(missing_torque=torque)._view, figures=[name])
+@cache
+def view_of(size: str, *, missing_torque: bool) -> ReportContext:
+    """Return the view of a run in a size, which has every figure drawn."""
+    return with_output(run(missing_torque=missing_torque)._view, figures=DRAWN, size=size)
 
 
 def figure_of(name: str, view: ReportContext) -> Figure:
@@ -79,7 +81,8 @@ def figure_of(name: str, view: ReportContext) -> Figure:
 
 @cache
 def figure_of_run(name: str, size: str) -> Figure:
-    return figure_of(name, with_output(view_with(name), size=size))
+    torque = name in ("torque", "frequency_response")
+    return figure_of(name, view_of(size, missing_torque=torque))
 
 
 def labels(figure: Figure) -> str:
@@ -88,7 +91,7 @@ def labels(figure: Figure) -> str:
 
 @run_cases("name", DRAWN)
 def test_it_is_drawn_and_has_words_on_its_axes(name: str) -> None:
-    figure = figure_of_run(name, view_with(name).config.output.size)
+    figure = figure_of_run(name, OutputSpec().size)
     assert figure.axes
     assert labels(figure)
     for end in output_files.FORMATS:
@@ -124,7 +127,7 @@ def test_it_has_the_units_of_the_user(name: str, size: str) -> None:
 
 def test_numbers_in_the_units_of_the_user_are_those_of_the_record() -> None:
     """Data, noise, inputs, draws and priors are all converted."""
-    view = run()._view
+    view = run(missing_torque=False)._view
     (drawing,) = drawings("fit", view).values()
     fit, _ = drawing.arguments
     assert fit.t[-1] == pytest.approx(4000.0)
@@ -146,14 +149,14 @@ def test_numbers_in_the_units_of_the_user_are_those_of_the_record() -> None:
 
 @run_cases("name", ["corner", "trace", "prior_posterior"])
 def test_its_parameters_are_those_that_the_config_names(name: str) -> None:
-    view = with_output(run()._view, parameters=["sigma_twist"])
+    view = with_output(run(missing_torque=False)._view, parameters=["sigma_twist"])
     (panel,) = figure_of(name, view).axes
     assert "twist" in panel.get_xlabel() + panel.get_ylabel()
 
 
 @run_cases("name", ["corner", "fit", "trace"])
 def test_in_a_notebook_it_carries_its_warning(name: str) -> None:
-    good = run()
+    good = run(missing_torque=False)
     assert not any("NOT" in text.get_text() for text in good.plot(name).texts)
     bad = dataclasses.replace(
         good.sampled.convergence, reasons=(Finding("nothing sampled", {"why": "too short"}),)

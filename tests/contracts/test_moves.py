@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields, replace
 import emcee
 import numpy as np
 import pytest
-from support.case_tables import run_cases
+from support.case_tables import run_cases, slow_except
 from support.handmade_proposals import advance_draws, rough
 from support.known_targets import TARGETS, Target
 
@@ -72,14 +72,14 @@ def test_draws_of_the_targets_follow_their_densities(name: str) -> None:
     assert weights.mean() == pytest.approx(1.0, abs=5 * weights.std() / np.sqrt(len(x)))
 
 
-@run_cases("d", SIZES)
+@pytest.mark.parametrize("d", slow_except((5,), SIZES))
 @run_cases("move, name", PAIRS)
 def test_target_is_kept_exactly(move: str, name: str, d: int) -> None:
     """A move along a ridge or over it: bent, in units of its own, unlike the target."""
     assert_kept(TARGETS[name], d, {move: 1.0}, rough(TARGETS[name], d))
 
 
-@run_cases("d", SIZES)
+@pytest.mark.parametrize("d", slow_except((5,), SIZES))
 @run_cases("target", BENT.values(), ids=BENT)
 def test_target_is_kept_exactly_over_two_ridges(target: Target, d: int) -> None:
     """Ridges in units of their own, the draws of one likely on the other or never."""
@@ -119,9 +119,12 @@ class StepTrapped:
         return state, step_trapped(model, state, self.proposal, log_q)
 
 
-@run_cases("name, d", [("wild", 5), ("bent", 2), ("two_modes", 5)])
-def test_steps_of_trapped_walkers_keep_the_target(name: str, d: int) -> None:
+@pytest.mark.parametrize(
+    "case", slow_except((("bent", 2),), (("wild", 5), ("bent", 2), ("two_modes", 5)))
+)
+def test_steps_of_trapped_walkers_keep_the_target(case: tuple[str, int]) -> None:
     """About half of them step, since their limit is set where most of the target is."""
+    name, d = case
     proposal = rough(TARGETS[name], d, 2)
     typical = proposal.typical_log_ratio - LONG_LOG_RATIO
     move = StepTrapped(replace(proposal, typical_log_ratio=typical))
@@ -147,7 +150,7 @@ def is_rejected(move: emcee.moves.Move, d: int) -> bool:
     return any(target.p_values(end).min() < LEAST_P_VALUE for target, end in ends)
 
 
-@run_cases("d", [2, 5])
+@pytest.mark.parametrize("d", slow_except((2,), (2, 5)))
 def test_a_wrong_stretch_move_is_rejected(d: int) -> None:
     """The exact test has the power that it claims: a factor off by one power, and one forgotten."""
     assert is_rejected(Stretch(d / (d - 1.0)), d)
@@ -166,10 +169,3 @@ def test_a_proposal_without_its_density_is_rejected() -> None:
     proposal = replace(rough(CUT, 2), mixture=wrong, typical_log_ratio=np.inf)
     piece = advance_draws(CUT, 2, INDEPENDENT, proposal, STEPS)
     assert CUT.p_values(piece.state.z).min() < LEAST_P_VALUE
-
-
-@pytest.mark.slow
-@run_cases("d", [3, 5])
-def test_the_snooker_move_of_emcee_is_rejected(d: int) -> None:
-    """That of emcee 3.1.6 fails the exact test."""
-    assert is_rejected(emcee.moves.DESnookerMove(), d)

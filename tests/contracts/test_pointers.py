@@ -9,6 +9,7 @@ import re
 from pathlib import Path
 
 from support.case_tables import run_cases
+from support.syntax import nodes
 
 import bayesdrill as bd
 
@@ -75,7 +76,7 @@ def test_what_a_page_points_to_exists(page: Path) -> None:
 
 @run_cases("module", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_what_the_docstring_of_a_module_points_to_exists(module: Path) -> None:
-    names = quoted(ast.get_docstring(ast.parse(module.read_text())) or "")
+    names = quoted(ast.get_docstring(nodes(module)[0]) or "")
     assert [name for name in names if is_lost_path(name)] == []
     assert [name for name in names if not name.endswith(ENDINGS) and is_lost_name(name)] == []
 

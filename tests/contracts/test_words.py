@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from support import syntax
 from support.case_tables import run_cases
 
 ROOT = Path(__file__).parents[2]
@@ -47,8 +48,7 @@ LONGEST_SENTENCE = 35  # words, of texts for users
 
 @cache
 def nodes(folder: Path) -> list[tuple[Path, ast.AST]]:
-    trees = [(path, ast.parse(path.read_text())) for path in sorted(folder.rglob("*.py"))]
-    return [(path, node) for path, tree in trees for node in ast.walk(tree)]
+    return [(path, node) for path in sorted(folder.rglob("*.py")) for node in syntax.nodes(path)]
 
 
 def names(folder: Path) -> Iterator[str]:

@@ -65,4 +65,3 @@ def test_a_rival_needs_the_same_channels_and_no_targets(tmp_path: Path) -> None:
         two().design(tell=fewer, draws=1)
     command = ("design", config, "--tell", config)
     assert_refused(cli(*command, "--learn", "k_e"), "give only one")
-    assert_refused(cli(*command, "--draws", "1"), "nothing distinguishes the two")

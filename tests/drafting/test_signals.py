@@ -111,8 +111,11 @@ def _noisy(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.round(y / step) * step if rng.random() < 0.3 else y
 
 
-def test_no_peak_of_a_swing_is_a_glitch() -> None:
-    for seed in range(200):
+@pytest.mark.parametrize(
+    "seeds", [range(50), pytest.param(range(50, 200), marks=pytest.mark.slow)], ids=len
+)
+def test_no_peak_of_a_swing_is_a_glitch(seeds: range) -> None:
+    for seed in seeds:
         assert not any(glitches(swing(np.random.default_rng(seed))).values()), seed
 
 

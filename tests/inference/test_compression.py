@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 T = np.arange(24_001) / 500.0
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-SAMPLED = 4001  # samples of records that are sampled exactly too
+SAMPLED = 2001  # samples of records that are sampled exactly too
 RHO = 0.8
 LEVEL = {"prior": "log_uniform", "low": 0.01, "high": 1.0}
 
@@ -54,7 +54,7 @@ def case_of(
         {"v": bd.Input(v, "V")},
         parameters={name: BOX if name in free else "nominal" for name in NOMINAL},
         nominal="tables_2_3",
-        sampler={"likelihood": likelihood, "walkers": 32, "ess": 1000},
+        sampler={"likelihood": likelihood, "walkers": 32, "ess": 500},
         output={"figures": ["fit"]},
         name="long",
     )
@@ -72,18 +72,23 @@ def sampled(likelihood: str) -> bd.Run:
     return case(likelihood, SAMPLED).sample(processes=1)
 
 
-def test_the_posterior_is_that_of_all_samples() -> None:
-    compressed, exact = sampled("compressed"), sampled("exact")
-    assert compressed.converged
-    assert exact.converged
-    for mine, row in zip(compressed.analysis.unknowns, exact.analysis.unknowns, strict=True):
-        assert abs(mine.mean - row.mean) < 0.15 * row.sd  # some five Monte Carlo errors
-    assert compressed.evidence.log_z == pytest.approx(exact.evidence.log_z, abs=0.1)
-    assert exact.sampled.compression is None
-    check = compressed.sampled.compression  # of draws, against the exact likelihood
+def test_draws_of_a_compressed_record_are_compared_with_the_exact_likelihood() -> None:
+    run = sampled("compressed")
+    assert run.converged
+    check = run.sampled.compression
     assert (check.samples, check.draws) == (SAMPLED, 500)
     assert check.difference < 1e-6
     assert check.exact < 10
+
+
+@pytest.mark.slow
+def test_the_posterior_is_that_of_all_samples() -> None:
+    compressed, exact = sampled("compressed"), sampled("exact")
+    assert exact.converged
+    for mine, row in zip(compressed.analysis.unknowns, exact.analysis.unknowns, strict=True):
+        assert abs(mine.mean - row.mean) < 0.2 * row.sd  # some five Monte Carlo errors
+    assert compressed.evidence.log_z == pytest.approx(exact.evidence.log_z, abs=0.1)
+    assert exact.sampled.compression is None
 
 
 def test_a_record_that_is_too_long_is_not_predicted_sample_by_sample(
@@ -91,11 +96,11 @@ def test_a_record_that_is_too_long_is_not_predicted_sample_by_sample(
 ) -> None:
     """Figures are given the extremes of stretches: no peak is lost, and files stay small."""
     monkeypatch.setattr(output_files, "MOST_PREDICTED", 4 * 2 * SAMPLED - 1)
-    run = dataclasses.replace(sampled("exact"))  # of which nothing was said yet
+    run = dataclasses.replace(sampled("compressed"))  # of which nothing was said yet
     (whole,) = every_fit(run.job.problem, run.sampled.draws[0, -1], run.analysis.fit)
     assert len(whole.t) == SAMPLED
-    monkeypatch.setattr(fit_section, "SHOWN_STRETCHES", 125)
-    monkeypatch.setattr(fit_section, "DOTS", 750)
+    monkeypatch.setattr(fit_section, "SHOWN_STRETCHES", 60)
+    monkeypatch.setattr(fit_section, "DOTS", 375)
     tree = run.to_arviz()
     assert not {"posterior_predictive", "log_likelihood"} & {*tree.children}
     assert tree["observed_data"]["w_1"].shape == (SAMPLED,)
@@ -193,6 +198,7 @@ def test_a_resumed_run_has_the_same_basis_functions() -> None:
     assert np.array_equal(*triangles)
 
 
+@pytest.mark.slow
 def test_autoregressive_noise_is_compressed_too() -> None:
     """The record has one channel, and its draws are compared with the exact likelihood."""
     t, v, w, rng = speeds(2401, 6)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 from support import command_line
-from support.case_tables import run_cases
+from support.case_tables import run_cases, slow_except
 from support.small_problems import starts_believed
 from support.unexplained_records import merged
 
@@ -119,7 +119,7 @@ def calls_of(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str) -> list[Any
     return calls
 
 
-@pytest.mark.parametrize("rig", CONSTANTS)
+@pytest.mark.parametrize("rig", slow_except(("train",), CONSTANTS))
 @starts_believed()
 def test_pasted_lines_make_the_posterior_of_a_candidate_which_reads_nothing_again(
     rig: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -37,7 +37,7 @@ def read_records(config: Path) -> tuple[str, ...]:
 def draft_of(
     records: Path | list[Path], *columns: str, config: Path | None = None, **known: Any
 ) -> dict[str, Any]:
-    """The entries of the config that is written for records, which is valid or still asks for some.
+    """The entries of the config that is written for records, which `init` has validated.
 
     `text` is the whole of it, `words` the same without line ends and marks of comments, and `said`
     what stands on the terminal.
@@ -46,8 +46,6 @@ def draft_of(
     config = config or first.with_suffix(".yaml")
     draft = bd.init(records, config, columns=columns, force=True, **known)
     text = config.read_text()
-    if not draft.open_issues:
-        read_records(config)
     words = " ".join(text.replace("#", " ").split())
     return {**parse(first, text).data, "text": text, "words": words, "said": str(draft)}
 

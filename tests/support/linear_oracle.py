@@ -29,6 +29,17 @@ def exponential(m: np.ndarray) -> np.ndarray:
     return total
 
 
+def series(m: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Return (exp(m) - 1) times `start`, by the series itself, which loses nothing where m is small."""
+    term, total = start, 0 * start
+    for k in range(1, 60):
+        term = m @ term / k
+        total, before = total + term, total
+        if k > 8 and np.array_equal(total, before):
+            break
+    return total
+
+
 class ExactMotion:
     """A rig with the parameters `full (P,)`, those of sensors last, under the inputs of `record`.
 
@@ -102,16 +113,11 @@ class ExactMotion:
     def on(self, x: np.ndarray, j: int, step: Any) -> np.ndarray:
         """Return the states a `step` after knot `j`, where they are `x`."""
         z, m = np.concatenate([x, [LONG(1)], self.u[j], self.slopes[j]]), self.m * LONG(step)
-        if step not in self.powers and np.abs(np.linalg.eigvals(m.astype(float))).max() < 4:
-            term = total = z
-            for k in range(1, 60):
-                term = m @ term / k
-                total, before = total + term, total
-                if k > 8 and np.array_equal(total, before):
-                    break
-            return total[: len(x)]
         if step not in self.powers:
-            self.powers[step] = exponential(m)
+            small = np.abs(np.linalg.eigvals(m.astype(float))).max() < 4
+            if small and not self.record.uniform:  # few steps are alike
+                return (z + series(m, z))[: len(x)]
+            self.powers[step] = series(m, np.eye(len(m))) if small else exponential(m)
         return (z + self.powers[step] @ z)[: len(x)]
 
     def states(self) -> np.ndarray:

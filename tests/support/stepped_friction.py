@@ -23,7 +23,7 @@ def experiment_of(
     case: Case, measures: Mapping[str, dict[str, float]] | None = None, **changes: Any
 ) -> Experiment:
     """Its record on every state, or on what `measures` says, without a number in it."""
-    t, series = case.t, {"v": moved_of(case).v}
+    t, series = case.t, {"v": moved_of(case).v if case.v is None else case.v}
     if isinstance(case.t_1, np.ndarray):
         series["t_1"] = case.t_1
     made = experiment(

@@ -358,34 +358,3 @@ def test_rock_holds_the_bit_as_its_law_and_the_weight_say() -> None:
     ]
     assert apart[2] < 5e-3
     assert apart[0] > 3 * apart[1] > 9 * apart[2]
-
-
-def test_quadratic_drag_is_that_of_an_integration_by_other_code() -> None:
-    """Mutants killed: a drag that drives, one that is linear, the speed behind the gear at the motor."""
-    i_m, p = 1 / 8, {**NOMINAL, "t_f": 0.0, "d_1": 0.02, "d_m": 2e-6}
-    t = 0.01 * np.arange(80)
-    v_of_t = 6.0 * np.sign(np.sin(6.0 * t))
-    moved = bd.respond("motor_shaft", p, t, {"v": v_of_t}, ["w_1", "w_2"])
-
-    def rates(_: float, x: np.ndarray, v: float) -> list[float]:
-        theta_1, theta_2, w_1, w_2, i = x
-        drag_1, drag_m = p["d_1"] * abs(w_1) * w_1, p["d_m"] * abs(w_2 / i_m) * w_2 / i_m
-        twist = theta_1 - theta_2
-        return [
-            w_1,
-            w_2,
-            (-p["k_s"] * twist - drag_1) / p["j_1"],
-            (i_m**2 * p["k_s"] * twist - p["c_m"] * w_2 + i_m * (p["k_T"] * i - drag_m)) / p["j_m"],
-            (v - p["r_m"] * i - p["k_e"] * w_2 / i_m) / p["l_m"],
-        ]
-
-    x, found = np.zeros(5), []
-    for v in v_of_t:
-        found.append(x[2:4])
-        step = solve_ivp(rates, (0.0, 0.01), x, args=(v,), rtol=1e-9, atol=1e-9, method="LSODA")
-        x = step.y[:, -1]
-    w_1, w_2 = np.array(found).T
-    plain = bd.respond("motor_shaft", {**NOMINAL, "t_f": 0.0}, t, {"v": v_of_t}, ["w_1"])["w_1"]
-    assert np.abs(moved["w_1"] - plain).max() > 0.1
-    np.testing.assert_allclose(moved["w_1"], w_1, atol=2e-5 * np.ptp(w_1))
-    np.testing.assert_allclose(moved["w_2"], w_2, atol=2e-5 * np.ptp(w_2))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg
-from support.case_tables import run_cases
+from support.case_tables import run_cases, slow_except
 from support.document_blocks import ROOT
 from support.servo_oracle import Servo
 from support.state_records import record_of_states
@@ -100,7 +100,7 @@ def test_a_servo_without_a_limit_is_a_linear_closed_loop() -> None:
     assert made.signals(full)[0] == pytest.approx(np.array(expected), abs=1e-11)
 
 
-@run_cases("kind", SERVOS)
+@pytest.mark.parametrize("kind", slow_except(("supply", "all"), SERVOS))
 def test_a_servo_that_saturates_moves_as_from_event_to_event(kind: str) -> None:
     """At one step to a sample: 1e-6 of the swing, and of second order in the step."""
     values, corners = SERVOS[kind], TIME * np.arange(1, len(GOALS))

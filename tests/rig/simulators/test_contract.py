@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.special import log_ndtr
-from support.case_tables import run_cases
+from support.case_tables import slow_except
 from support.friction_cases import CASES as RUBBING
 from support.linear_oracle import ExactMotion
 from support.scipy_oracles import NOMINAL, ORDER
@@ -232,9 +232,7 @@ def rubs(sensing: ObservationModel, *tallied: str) -> Case:
 EVERY_SUM = ("neighbours", "logs", "intervals")
 BOTH = {"d0": "torque", "d5": "torque"}
 MAKE: dict[str, Callable[[], Case]] = {
-    "even, constant inputs": lambda: shaft(series=(), lead=0.137),
     "even, held voltage": lambda: shaft(tallied=EVERY_SUM),
-    "even, straight inputs": lambda: shaft(series=("v", "t_1"), first_order=True),
     "held voltage, from before the record": lambda: shaft(lead=0.137),
     "gaps": lambda: shaft(gaps=True, tallied=EVERY_SUM),
     "jitter, straight inputs": lambda: shaft(
@@ -246,7 +244,6 @@ MAKE: dict[str, Callable[[], Case]] = {
     "left out, all sensors, straight voltage": lambda: shaft(
         "left out", sensing=EVERY, first_order=True
     ),
-    "even, constant, all sensors": lambda: shaft(series=(), sensing=EVERY),
     "a step given late": lambda: shaft(
         series=(), sensing=replace(EVERY, states={}), moving=False
     ),
@@ -293,11 +290,20 @@ def made(name: str) -> Case:
     return MAKE[name]()
 
 
-EVERY_CASE = [*MAKE]
-LINEAR = [name for name in MAKE if not name.startswith("rubs")]
-# Short records of these rigs need no kernels that longer ones of other cases do not.
-FEW = ["even, held voltage", "held voltage, from before the record", "even, straight inputs"]
-FEW += [name for name in LINEAR if name.startswith(("2 states", "12 states"))]
+# The others enter every branch with few kernels.
+SLOW = ("chain, straight inputs", "rubs, gaps", "2 states, jitter", "10 states", "40 states")
+SLOW += ("12 states, jitter, gains", "12 states, even")
+QUICK = [name for name in MAKE if not name.startswith(SLOW)]
+EVERY_CASE = slow_except(QUICK, MAKE)
+LINEAR = slow_except(QUICK, (name for name in MAKE if not name.startswith("rubs")))
+SHORT = (
+    "even, held voltage",
+    "held voltage, from before",
+    "even, straight",
+    "2 states",
+    "12 states",
+)
+FEW = slow_except(QUICK, (name for name in MAKE if name.startswith(SHORT)))
 
 
 def far(found: np.ndarray, true: np.ndarray) -> float:
@@ -305,12 +311,12 @@ def far(found: np.ndarray, true: np.ndarray) -> float:
     return float(np.max(np.abs(found - true) / np.abs(true).max(axis=0)))
 
 
-def test_only_rigs_that_rub_are_stepped() -> None:
-    for name in EVERY_CASE:
-        assert isinstance(made(name).simulator, Response if name in LINEAR else Stepped), name
+@pytest.mark.parametrize("name", EVERY_CASE)
+def test_only_rigs_that_rub_are_stepped(name: str) -> None:
+    assert isinstance(made(name).simulator, Stepped if name.startswith("rubs") else Response)
 
 
-@run_cases("name", LINEAR)
+@pytest.mark.parametrize("name", LINEAR)
 def test_signals_are_those_of_the_oracle(name: str) -> None:
     """Mutants killed: see `mutants.toml`; a lag of the wrong sign, an offset that a gain multiplies."""
     case = made(name)
@@ -319,7 +325,7 @@ def test_signals_are_those_of_the_oracle(name: str) -> None:
         assert far(case.signals[row], true) < case.close, row
 
 
-@run_cases("name", FEW)
+@pytest.mark.parametrize("name", FEW)
 def test_records_of_few_samples_have_the_signals_of_the_oracle(name: str) -> None:
     """Mutant killed: a last step that is taken though it leads nowhere."""
     case = made(name)
@@ -331,7 +337,7 @@ def test_records_of_few_samples_have_the_signals_of_the_oracle(name: str) -> Non
         assert far(case.of(cut).signals(case.full[:1])[0], true) < case.close, n
 
 
-@run_cases("name", LINEAR)
+@pytest.mark.parametrize("name", LINEAR)
 def test_slopes_are_differences_of_the_oracle(name: str) -> None:
     """In 80-bit numbers, differences have nine digits.
 
@@ -353,7 +359,7 @@ def test_slopes_are_differences_of_the_oracle(name: str) -> None:
         assert far(slopes[w, q], (ends[0] - ends[1]) / (2 * np.longdouble(h))) < 1e-7
 
 
-@run_cases("name", EVERY_CASE)
+@pytest.mark.parametrize("name", EVERY_CASE)
 def test_sums_are_those_of_the_samples(name: str) -> None:
     """Mutants killed: neighbours across a gap that count as none, the first sample taken for the last, a
     channel's weight exchanged, a power of two lost, walkers whose lanes see other samples.
@@ -421,7 +427,7 @@ def test_logs_of_what_is_far_off_neither_overflow_nor_lose_digits() -> None:
     assert np.isnan(lost.logs(case.full, weights)).all()
 
 
-@run_cases("name", EVERY_CASE)
+@pytest.mark.parametrize("name", EVERY_CASE)
 def test_normal_equations_are_sums_of_slopes(name: str) -> None:
     """Without what was not seen."""
     case = made(name)
@@ -439,7 +445,7 @@ def test_normal_equations_are_sums_of_slopes(name: str) -> None:
     assert products == pytest.approx(np.einsum("wqtk,wptk->wqp", shown, shown))
 
 
-@run_cases("name", EVERY_CASE)
+@pytest.mark.parametrize("name", EVERY_CASE)
 def test_a_walker_depends_on_no_other_and_pickles_answer_alike(name: str) -> None:
     """Bits, whatever lanes have in common; and numbers that overflow are NaN in their own row alone.
 

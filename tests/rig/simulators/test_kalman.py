@@ -26,17 +26,13 @@ from bayesdrill.rig.simulators.linear import Response
 Array = NDArray[np.float64]
 
 BOTH = [("motor", "1/2"), ("rotor_1", "3/2")]  # each place and each smoothness
-MEASURES = {
-    "theta_2": {"theta_2": 1.0},
-    "twist": {"theta_1": 1.0, "theta_2": -1.0},
-    "w_1": {"w_1": 1.0},
-}
+MEASURES = {name: {name: 1.0} for name in MotorShaft.states[:4]}
 GEARED = {"speed": {"w_2": 8.0, "w_1": -0.5}, "angle": {"theta_2": 0.25}}
-RELATIVE = {"w_1": {"w_1": 1.0}, "twist": MEASURES["twist"]}
+RELATIVE = {"w_1": {"w_1": 1.0}, "twist": {"theta_1": 1.0, "theta_2": -1.0}}
 MEASURED = [MEASURES, RELATIVE, GEARED]
 START = {"theta_1": 0.7, "theta_2": -1.2, "w_1": 2.0, "w_2": -9.0, "i": 0.4}
 LATE = {"first": 0.31, "t_start": 0.0, "start": START}
-SIGMAS = np.array([0.05, 0.02, 0.3])
+SIGMAS = np.array([0.05, 0.02, 0.3, 0.2])
 SIZE, TIME = 0.08, 0.4
 P = skewed()
 
@@ -125,7 +121,7 @@ def test_the_likelihood_allows_gaps_uneven_times_and_an_early_start(
     steps = np.resize([0.01, 0.01, 0.03, 0.01, 0.2], 49)
     t = 0.3 + np.concatenate([[0.0], np.cumsum(steps)])
     one = experiment(50, 0.02, measures=MEASURES)
-    y = np.zeros((50, 3))
+    y = np.zeros((50, 4))
     y[7:12, 1] = y[20, :] = y[:4, 2] = np.nan
     one = dataclasses.replace(one, t=t, y=y, t_start=0.05)
     left = np.where(np.isnan(y), np.nan, drawn(one))
@@ -184,7 +180,7 @@ def test_one_gain_gives_the_likelihood_of_all_gains(
 def test_slopes_are_those_of_differences(at: TorqueLocation, smooth: Smoothness) -> None:
     rng = np.random.default_rng(2)
     one = experiment(
-        40, 0.02, measures=MEASURES, y=np.where(rng.random((40, 3)) < 0.1, np.nan, 0.0)
+        40, 0.02, measures=MEASURES, y=np.where(rng.random((40, 4)) < 0.1, np.nan, 0.0)
     )
     found, _, _ = made(at, smooth, one)
     (row, sigmas), left = told(), drawn(one)[None]
@@ -225,16 +221,16 @@ def test_smoothing_gives_the_conditional_mean_of_the_torque(
     at: TorqueLocation, smooth: Smoothness
 ) -> None:
     """By covariances of torque and samples: that of a channel which shows the torque alone."""
-    y = np.zeros((40, 3))
+    y = np.zeros((40, 4))
     y[9:14, 0] = np.nan
     one = experiment(40, 0.05, measures=MEASURES, y=y)
     left = np.where(np.isnan(y), np.nan, drawn(one))
     found, of, rows = made(at, smooth, one)
     both = np.vstack([rows, np.eye(len(of[0]))[5]])
     whole = missing_torque_oracle.covariance(of, both, np.append(SIGMAS, 0.0), one.t, 0.0)
-    samples = np.tile([True, True, True, False], 40)
+    samples = np.tile([True, True, True, True, False], 40)
     samples[samples] &= ~np.isnan(left).ravel()
-    torque = np.tile([False, False, False, True], 40)
+    torque = np.tile([False, False, False, False, True], 40)
     seen = left.ravel()[~np.isnan(left).ravel()]
     mean = whole[np.ix_(torque, samples)] @ np.linalg.solve(whole[np.ix_(samples, samples)], seen)
     states = found.smooth(*told(3), np.repeat(left[None], 3, axis=0))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.case_tables import run_cases
+from support.case_tables import run_cases, slow_except
 from support.friction_cases import CASES, moved
 from support.friction_oracle import RUBS, simulate
 from support.stepped_friction import experiment_of, model_of, parameters, states, stepped
@@ -16,8 +16,8 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 
 W_1, W_2 = 2, 3
-QUICK = ("stick slip", "falling", "sine", "other")
-EVERY = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in CASES]
+QUICK = ("stick slip", "falling", "straight", "other")
+EVERY = slow_except(QUICK, CASES)
 
 
 def off(name: str, pieces: int) -> np.ndarray:
@@ -91,15 +91,15 @@ def test_a_sticking_inertia_does_not_move_at_all(name: str, pieces: int) -> None
 def test_the_rig_moves_from_a_start_before_the_first_sample() -> None:
     """Under the first voltage, from where the config says; here off the grid of the samples."""
     case = CASES["sine"]
-    later = case.t[37:] - 0.0043
+    later, volts = case.t[37:237] - 0.0043, case.v[37:237]
     begin = {"w_1": 1.5, "theta_1": 0.2}
     start = float(later[0] - 0.1312)
     record = experiment_of(
-        case, t=later, y=np.zeros((len(later), 5)), series={"v": case.v[37:]}, t_start=start,
+        case, t=later, y=np.zeros((len(later), 5)), series={"v": volts}, t_start=start,
         start=begin,
     )  # fmt: skip
     found = stepped(case, 16, record=record).signals(parameters(case))[0]
-    v = np.append(case.v[37], case.v[37:])
+    v = np.append(volts[0], volts)
     true = simulate(case.rig, np.append(start, later), v, at=later, start=begin).states
     assert (np.abs(found - true).max(axis=0) < 2e-3 * np.abs(true).max(axis=0)).all()
 

@@ -55,6 +55,7 @@ def test_weights_of_two_maxima_are_those_of_importance_sampling(kind: str, d: in
     assert proposal.draws.acceptance > 0.8
 
 
+@pytest.mark.slow
 @run_cases("kind", HUMPS)
 @run_cases("d", [1, 2, 5])
 def test_walkers_that_start_on_two_maxima_alike_come_to_their_weights(kind: str, d: int) -> None:

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.case_tables import run_cases
+from support.case_tables import run_cases, slow_except
 from support.closed_form_densities import Ridged, corner, learned, ridge_point, ridged
 
 from bayesdrill.sampling.proposal.learning import LearnedProposal
@@ -91,7 +91,7 @@ def test_the_missed_mass_of_a_shortened_proposal_is_that_of_the_whole(
     assert share > 0.2
 
 
-@run_cases("seed, start", [(1, (-1e-4, -9.0)), (4, (-9.0, -1e-4))])
-def test_a_ridge_that_turns_a_corner_is_not_covered(seed: int, start: tuple[float, float]) -> None:
+@pytest.mark.parametrize("start", slow_except(((-1e-4, -9.0),), ((-1e-4, -9.0), (-9.0, -1e-4))))
+def test_a_ridge_that_turns_a_corner_is_not_covered(start: tuple[float, float]) -> None:
     """From either end: beyond the corner, where tight and loose are exchanged, lies a half."""
-    assert learned(corner(), [np.array(start)], seed).missed > 0.05
+    assert learned(corner(), [np.array(start)], 1).missed > 0.05
