@@ -1,6 +1,6 @@
 """Compute with dual numbers, which carry exact derivatives, and with other kinds of numbers.
 
-Formulas in these functions and + - * / accept arrays, dual numbers and registers of a kernel.
+These functions and + - * / accept arrays, dual numbers and registers of a compiled kernel.
 Classes derived from `Number` implement the functions themselves, and their comparisons return a
 `Choice`.  For arrays and plain numbers, NumPy's functions are used.
 """

@@ -1,6 +1,6 @@
-"""Sample the population of the runs' log products, given the likelihood of each run as a mixture.
+"""Sample how logs of products of parameters are distributed over a population of runs.
 
-The log products of run r with rig g and covariates x_r (K numbers each) are
+The K log products of run r, which has rig g and covariates x_r, are
 
     z_r = eta_g + B' x_r + e_r,    e_r ~ t_nu(0, Sigma),    eta_g ~ N(mu, Sigma_rig),
 

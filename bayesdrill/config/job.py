@@ -51,7 +51,7 @@ class Job:
         return self.case.source
 
     def with_settings(self, **changed: Any) -> Job:
-        """Return the job with other sections `changed`, which must not affect the posterior."""
+        """Return the job with `changed` config sections, which must not affect the posterior."""
         config = self.config.model_copy(update=changed)
         return replace(self, case=replace(self.case, config=config))
 
@@ -96,7 +96,7 @@ def assemble(case: ResolvedCase, files: Files | None = None) -> Job:
         raise source.error(("parameters",), message)
     if case.config.sampler.likelihood == "compressed":
         reasons = filter(None, (each.exact_reason for each in problem.observations))
-        message = "a record cannot be compressed: {}; write `auto`, or leave it out"
+        message = "a record cannot be compressed: {}; write `auto`, or omit this entry"
         raise_if_any([source.issue(("sampler", "likelihood"), message.format(r)) for r in reasons])
     impossible = derived.impossible_formulas(problem).items()
     raise_if_any([source.issue(("derived", name), text) for name, text in impossible])
@@ -107,8 +107,8 @@ def _steady_start_issues(case: ResolvedCase, problem: Problem, start: Array) -> 
     """Return an issue for each experiment with a steady start if the rig has no steady state."""
     full = problem.posterior.space.full(start[None])
     pairs = [(case.experiment(each.label), each) for each in problem.observations]
-    unsteady = "the rig has no steady state at the start values under the first inputs"
-    message = f"{unsteady}; give the start, or `free`"
+    unsteady = "the rig has no steady state at its parameters' start values and the first inputs"
+    message = f"{unsteady}; give the initial state, or `free`"
     return [
         resolved.source.issue(("initial",), message)
         for resolved, observation in pairs

@@ -1,9 +1,9 @@
 """Predict standard deviations after a coming record, with exact instead of Gaussian priors.
 
 If a coming record does not determine a direction, the posterior follows the priors and their ends.
-The likelihood near a draw is approximated by a Gaussian in the unknowns on natural scales.  Its
-product with the priors is sampled by elliptical slices (Murray, Adams and MacKay 2010).  Some
-samples are simulated, and moved to the likelihood's curved ridge by a Gauss-Newton step.
+Near a draw, the likelihood is approximated by a Gaussian in natural scales (logs of positive
+unknowns, others / step).  Its product with the priors is sampled by elliptical slices (Murray,
+Adams and MacKay 2010), and a Gauss-Newton step moves some samples to the likelihood's curved ridge.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SIMULATED = 256  # number of samples that are moved to the ridge, divided among 
 def promise(
     posterior: Posterior, known: PresentKnowledge, slopes: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return relative sds `(k,)` of targets with `slopes (W, k, m)` after the posterior's record.
+    """Return relative sds `(k,)` of targets with `slopes (W, k, m)` given `posterior`'s record.
 
     The sds are geometric means over draws.  The second result is the information `(W, m, m)` of the
     record at each draw.
@@ -78,7 +78,7 @@ def sample_deviations(
     `gain (W, m, m)` is the information of a record at each draw.
     """
     draws, m, chains = known.draws, known.precision.shape[0], max(2, CHAINS // len(known.draws))
-    # The inverse of a triangular root keeps the digits of directions that are known well.
+    # Inverting the Cholesky factor, not the matrix, is accurate in directions that are known well.
     roots = np.linalg.inv(np.linalg.cholesky(gain + known.precision))
     bases, logs = draws.repeat(chains, axis=0), _logs(space, m)
 

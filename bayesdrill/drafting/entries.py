@@ -27,7 +27,7 @@ LINE_LENGTH = 110
 _PLAIN = re.compile(r"(?![-\d%/]|\.(?!\.?/))[\w./%°-]+(?: [\w./%°-]+)*", re.ASCII)
 _FIXED_BLANK = "\x1f"  # stands for a blank in code, at which no line may break
 _YAML_WORDS = {"yes", "no", "on", "off", "true", "false", "null", "y", "n"}
-NOISE_PRIOR_FACTOR = 10.0  # factor from the noise between samples to both ends of sigma's prior
+NOISE_PRIOR_FACTOR = 10.0  # sigma's prior extends from noise / factor to noise * factor
 SUPPLY_SD = 0.02  # prior sd of a voltage's offset, relative to the largest voltage
 MAX_NAMED_GLITCHES = 8  # largest number of glitches whose times a comment lists
 HOUSE_INPUTS = ("v", "t_m", "w_2", "t_1")  # of the built-in rigs, in the order of a draft
@@ -59,7 +59,7 @@ def review(doubts: Iterable[str], indent: int) -> list[str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DraftContext:
-    """The context of a draft holds all `records`, with columns identified like those of `lead`."""
+    """A draft's context has all `records`; columns are identified in one of them, the `lead`."""
 
     records: tuple[RecordFile, ...]
     lead: RecordFile
@@ -165,7 +165,7 @@ def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
         doubts.append(f"it wraps after {period:.6g}, and is unwrapped")
         entries.append(f"wraps: {period:.10g}")
     if channel.derived:
-        twice = "whose samples would be counted twice"
+        twice = "so a fit of both would count its samples twice"
         doubts.append(f"it was computed from differences of {channel.derived}, {twice}")
         entries.append(f"derived_from: {channel.derived}")
         sigma = "1}    # has no effect"

@@ -75,10 +75,10 @@ def describe_times(t: Array) -> str:
 def _gaps(t: Array, grid: SampleGrid) -> str:
     gaps = np.diff(grid.indices)
     longest, count, missing = int(np.argmax(gaps)), int(np.sum(gaps > 1)), int(np.sum(gaps - 1))
-    named = "1 gap" if count == 1 else f"{count} gaps, the longest"
+    named = "1 gap" if count == 1 else f"{count} gaps, the longest of {gaps[longest] - 1}"
     return (
         f"a sample every {grid.step:.6g} s ({1 / grid.step:.6g} Hz), the first at {t[0]:.6g} s; "
-        f"{missing} missing in {named}{'' if count > 1 else ','} of {gaps[longest] - 1} between "
+        f"{missing} missing in {named} between "
         f"{t[longest]:.6g} and {t[longest + 1]:.6g} s"
     )
 
@@ -92,7 +92,7 @@ def union(clocks: Sequence[Array]) -> Array:
 
 
 def crowded_time(t: Array, clocks: Sequence[Array]) -> float:
-    """Return the first time in a union `t` that is far less than a step before the next, or NaN."""
+    """Return the first time in `t`, a union, that is much too close to the next one, or NaN."""
     close = np.flatnonzero(np.diff(t) < STEP_TOLERANCE * min(map(median_step, clocks)))
     return float(t[close[0]]) if len(close) else math.nan
 
@@ -125,7 +125,7 @@ def hold_input(t: Array, clock: Array, values: Array, *, first_order: bool) -> A
 
 
 TAPS_PER_FACTOR = 20  # (length of the filter - 1) / factor
-CUTOFF_SHARE = 0.8  # frequency of half the amplitude / new Nyquist frequency
+CUTOFF_SHARE = 0.8  # (frequency at which half the amplitude passes) / (new Nyquist frequency)
 KAISER_BETA = 8.0  # gain 1 (to 1e-5) below 0.5, < 1e-4 above 1.2 times the new Nyquist frequency
 
 
@@ -149,7 +149,7 @@ def cutoff(factor: int, dt: float) -> float:
 
 
 def decimated(y: Array, factor: int) -> DecimatedSignals:
-    """Filter `y (T, K)`, without NaN at equal steps, by a Kaiser-window FIR, and decimate it.
+    """Filter `y (T, K)` by a Kaiser-window FIR and decimate it; it needs equal steps, no NaN.
 
     Samples within half the filter length of an end are dropped.
     """

@@ -46,7 +46,7 @@ def test_times_with_jitter_have_no_grid() -> None:
     [
         ([], "a sample every 0.01 s (100 Hz), the first at 0 s"),
         ([*range(20, 25), 60], "6 missing in 2 gaps, the longest of 5 between 0.19 and 0.25 s"),
-        ([5, 6], "2 missing in 1 gap, of 2 between 0.04 and 0.07 s"),
+        ([5, 6], "2 missing in 1 gap between 0.04 and 0.07 s"),
     ],
 )
 def test_missing_samples_are_described_with_their_place(missing: list[int], words: str) -> None:

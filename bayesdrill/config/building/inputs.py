@@ -46,9 +46,9 @@ def _check_required(errors: IssueCollector, config: Config, model: Model) -> Non
             input_names = ", ".join(dict.fromkeys(entries)) or "none"
             having = ((name, *needs) for name, needs in model.offers.items())
             needed = next((n for n in having if entry in with_named(model, n).inputs), ())
-            also = f", or name {' and '.join(needed)}, which adds this input" if needed else ""
-            also = f"remove it (its inputs: {input_names}){also}"
-            errors.add(("inputs", entry), f"the model {model.name} has no such input; {also}")
+            also = f", or add its parameters: {' and '.join(needed)}" if needed else ""
+            message = f"the model {model.name} has no such input (its inputs: {input_names})"
+            errors.add(("inputs", entry), f"{message}; remove this entry{also}")
     for name in model.inputs:
         angle = ("inputs", words.imposed.get(name, name))
         none = config.inputs.get(config.input_entry(name)) is None
@@ -82,7 +82,7 @@ def _check_angles(errors: IssueCollector, config: Config) -> None:
             errors.add(("initial", entry), message)
         for kind in numbers.SensorFields.model_fields:
             if getattr(spec, kind) is not None:
-                message = "all other angles are measured from the imposed angle; remove this"
+                message = f"the imposed angle is the reference, so it has no {kind}; remove this"
                 errors.add(("inputs", entry, kind), f"{message}, or give `{name}:`, its speed")
 
 
@@ -90,5 +90,5 @@ def _check_holds(errors: IssueCollector, config: Config) -> None:
     specs = config.measured_inputs.values()
     angle = any(isinstance(spec, AngleColumn) for spec in specs)
     if len({"zero" if isinstance(spec, AngleColumn) else spec.hold for spec in specs}) > 1:
-        also = "; the speed of an imposed angle is held (zero)" if angle else ""
+        also = " (`zero`, as an imposed angle requires it)" if angle else ""
         errors.add(("inputs",), f"all measured inputs need the same `hold:`{also}")

@@ -20,8 +20,8 @@ class NominalValues:
     """Nominal values come from a table, unless the config gives them.
 
     The verdict compares parameters with `compared`. If the config names no table, the default table
-    may describe another rig. Then only values that the config uses or gives are compared, or the
-    whole table if the config uses some of its values and gives none of its own.
+    may describe another rig. It is then compared as a whole only if the config uses some of its
+    values and gives none. Otherwise only the values in use and the given values are compared.
     """
 
     values: Mapping[str, float]
@@ -54,7 +54,7 @@ def nominal_value(config: Config, model: Model, name: str) -> float:
 
 
 def nominal_table(config: Config, config_values: Mapping[str, float]) -> NominalValues:
-    """Return the table with the config's own values, in SI; raises `ValueError` if unknown."""
+    """Return the table, updated with `config_values` (SI); raises `ValueError` if it is unknown."""
     given: Any = config.nominal
     table = given.table or symbols.DEFAULT_NOMINAL
     published_values = lookup(symbols.NOMINAL, table, "nominal table")

@@ -26,7 +26,7 @@ from bayesdrill.inference.unknowns import Unknown
 # Degrees of freedom: below 2 the sd is infinite, and at 100 the distribution is nearly normal.
 MIN_DEGREES, MAX_DEGREES = 2.1, 100.0
 START_DEGREES = 5.0  # start value of a search
-_DESCRIPTION = "Degrees of freedom; default: unknown"
+_DESCRIPTION = "Degrees of freedom; inferred if not given"
 
 
 Degrees = Annotated[float, Field(ge=MIN_DEGREES, le=LARGEST, description=_DESCRIPTION)]
@@ -76,7 +76,7 @@ class StudentT(IndependentNoise):
         return _log_density(samples, *self._each(theta))
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return normal numbers `(W, T, K)` at the samples' quantiles, from the nearer tail."""
+        """Map samples to standard normal scores `(W, T, K)`, by their tail probability."""
         scale, nu = self._each(theta)
         tail = scipy.special.stdtr(nu, -np.abs(samples) / scale)
         return np.asarray(-np.sign(samples) * scipy.special.ndtri(tail))
@@ -86,11 +86,11 @@ class StudentT(IndependentNoise):
         return np.asarray(shifts / scale * np.sqrt((nu + 1.0) / (nu + 3.0)))
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
-        """Return slopes and the expected curvature, increased if residuals are too large."""
+        """Return slopes and expected curvature; residuals above their scale increase it."""
         scale, nu = self._each(theta)
         samples, n = residuals.samples, self.levels.sizes
         zeros = np.zeros_like(scale)
-        # Slopes `(2, W, T, K)` are by the logs of the scale and of the degrees.
+        # The slopes `(2, W, T, K)` are derivatives with respect to log scale and log degrees.
         duals = Dual(scale, np.stack([scale, zeros])), Dual(nu, np.stack([zeros, nu]))
         by_scale, by_nu = np.nansum(_log_density(samples, *duals).slope, axis=2)
         inflation = np.maximum(1.0, 1.0 + by_scale / n)

@@ -83,7 +83,7 @@ def describe_refits(verdict: CalibrationVerdict, every: Sequence[Refit]) -> str:
 def calibration_sections(
     judged: CalibrationVerdict, every: Sequence[Refit], ending: str
 ) -> tuple[Section, ...]:
-    """Build the sections, the verdict first; a page shows the figure with this `ending`."""
+    """Build the sections, the verdict first; `ending` is the type of the figure's file."""
     says = describe_calibration(judged)
     tone: Tone = "bad" if judged.faults else "doubt" if judged.doubts else "good"
     marks = Badges((Badge(says.split(":")[0], tone),))
