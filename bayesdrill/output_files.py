@@ -186,7 +186,7 @@ def output_names(folder: Path, kind: Kind) -> list[str]:
 
 
 def misplaced_paths(folder: Path, kind: Kind) -> list[Issue]:
-    """Return an issue for each name of a run's file or folder that stands for something else."""
+    """Return an issue for each path of a run's file or folder at which something else exists."""
     files = dict.fromkeys((LOCK, *output_names(folder, kind)), ("a file", "which no run writes"))
     folders = dict.fromkeys(kind.folders, ("a folder", "where a run has a folder of its own"))
     return [
@@ -363,7 +363,7 @@ def path_kind(path: Path) -> str:
 
 
 def _names(folder: Path, below: Iterable[str]) -> list[str]:
-    """Return names in subfolders `below` that are no links; an empty name is `folder` itself."""
+    """Return the entries of each subfolder in `below` that is no link; `""` stands for `folder`."""
     names = []
     for name in below:
         if path_kind(folder / name) == "a folder" or (not name and folder.is_dir()):
@@ -385,7 +385,7 @@ MOST_MEASURED = 50_000_000  # numbers of a record: samples times channels
 MOST_GUESSED = 1_000_000  # samples that `init` reads
 MOST_OF_CHAIN = 64_000_000  # numbers of a chain, half a gigabyte
 LEAST_STEPS = 200  # steps for which a chain must have room
-MOST_PREDICTED = 20_000_000  # predicted numbers (80 MB); log likelihoods are as many
+MOST_PREDICTED = 20_000_000  # predicted numbers (80 MB); as many log likelihoods are kept, too
 LEAST_PREDICTED = 25  # predicted draws per ensemble; fewer draws do not resolve the tails
 
 

@@ -19,10 +19,10 @@ from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.residual_checks import ResidualSummary, residual_summaries
 from bayesdrill.sampling.gauss_newton import gauss_newton, newton_gain
 
-# New unknowns start at these quantiles of their priors, and at the start of the config.  With the
-# known maximum, these are eight points, which are simulated together in the time of one point.
+# New unknowns start at these six quantiles of their priors.  With the known maximum and the start of
+# the config, these are eight points, which are simulated together in the time of one point.
 START_QUANTILES = (0.58, 0.05, 0.42, 0.2, 0.8, 0.65)
-FEW_STARTS = 3  # number of other starts, if the maximum with this change alone is known
+FEW_STARTS = 3  # number of other starts, if a refit with only the last change is known
 ROTATION = 2  # cyclic shift of the quantiles from one unknown to the next
 FIRST_STEPS, LAST_STEPS = 4, 30  # numbers of Gauss-Newton steps from all starts, and from the best
 CLIMBED_STARTS = 8  # number of the best starts that take the last steps
@@ -110,16 +110,16 @@ def refit_candidate(
 ) -> RefitMaximum | None:
     """Return the maximum of a candidate's `posterior`, or None without a finite response.
 
-    Searches start from values `known` of given unknowns, from the maximum `alone` with this change,
-    and from `starts` or else quantiles of the priors of new unknowns.  A search is stopped if it
-    promises no more than the log density `least`, would end far below it, or gains too slowly to reach
-    the log evidence `rival` (`gauss_newton`).  With a maximum `alone`, no search begins if the first
-    step from the values `known` promises to stay below `rival`.
+    Searches start from the values `known`, from the maximum `alone` with only the last change, and
+    from `starts`.  Without the latter two, they also start at quantiles of the priors of new unknowns.
+    A search stops if its next step promises less than the log density `least`.  It also stops if it is
+    too slow to come near `least` and to reach the log evidence `rival` (`gauss_newton`).  With a
+    maximum `alone`, no search begins if the first step from `known` promises to stay below `rival`.
 
     The log evidence is that of a Gaussian with the curvature at the maximum (MacKay 2003, ch. 27).
     Priors count in it as Gaussians of their spread, so that an undetermined direction costs each
     candidate the same.  Samples of the `records` that the candidate leaves out are Gaussian with mean
-    and variance of their channel.  At the beginning, they may be one value, of a held rig, with noise.
+    and variance of their channel.  Those at the beginning may instead be a constant with noise.
     """
     started = time.perf_counter()
     space, coordinates = posterior.space, posterior.coordinates
@@ -211,7 +211,7 @@ def _starts(
 
 
 def _can_reach(surface: LogDensity, u: Array, records: Records, rival: float) -> bool:
-    """Return whether steps with the gain of the first from `u (1, D)` reach log evidence `rival`."""
+    """Return whether steps from `u (1, D)` reach log evidence `rival` if all gain as the first."""
     value = float(surface.value(u)[0])
     if not (math.isfinite(rival) and math.isfinite(value)):
         return True
@@ -251,10 +251,10 @@ def _hidden(
 ) -> tuple[float, dict[tuple[str, str], Array]]:
     """Return the log density of samples of the `records` that a candidate leaves out, and squares.
 
-    Densities are those of numbers in the file, so that another unit of a column gains nothing by
-    itself.  Samples at the beginning may show a rig that is held: one value with the noise at
-    `theta (D,)`.  For each experiment and channel, squares are summed over kept, left out, and all
-    samples.
+    Densities refer to the numbers in the file, so that a change of a column's unit has no advantage.
+    Samples at the beginning may show a rig that is held: one value with the noise at `theta (D,)`.
+    The squares are sums of squared deviations from the mean, of kept, omitted and all samples of each
+    experiment and channel.
     """
     log_density, squares = 0.0, dict[tuple[str, str], Array]()
     sigmas, factors = dict[tuple[str, str], float](), dict[tuple[str, str], float]()
@@ -277,7 +277,7 @@ def _hidden(
         if place in sigmas and np.allclose(given[count:], y, rtol=1e-12, atol=0.0):
             noise = sigmas[place] ** 2
             still = count * float(given[:count].var()) / noise
-            unknown = math.log(max(count * variance / noise, 1.0))  # cost of the value while held
+            unknown = math.log(max(count * variance / noise, 1.0))  # Occam factor of the held value
             held = -0.5 * (count * math.log(2 * math.pi * noise) + still + unknown)
             density = max(density, held)
         log_density += density
@@ -286,7 +286,7 @@ def _hidden(
 
 
 def _with_hidden(row: ResidualSummary, squares: Array | None) -> ResidualSummary:
-    """Return the row with unexplained shares of all samples; `squares` include samples left out."""
+    """Return the row with shares of all samples; samples left out count as unexplained."""
     if squares is None:
         return row
     kept, hidden, total = squares.tolist()

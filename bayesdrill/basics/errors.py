@@ -121,7 +121,7 @@ def count_noun(n: int, singular: str, plural: str = "") -> str:
 
 
 class Stopped(KeyboardInterrupt):
-    """A signal asks the program to stop; other packages raise `KeyboardInterrupt` themselves."""
+    """A signal asks the program to stop; a plain `KeyboardInterrupt` may come from other packages."""
 
 
 class Interrupted(Exception):

@@ -88,7 +88,7 @@ def settings(config: Config, problem: Problem, display_units: DisplayUnits) -> d
 
 
 def marks(config: Config, problem: Problem, burn_in: str = "") -> dict[str, str]:
-    """Return the metadata by which figures and tree identify their run."""
+    """Return the metadata by which figures and the ArviZ `DataTree` identify their run."""
     return {
         RUN_MARK: mark(fingerprint(config, problem)),
         "Record": ", ".join(records(problem).values()),

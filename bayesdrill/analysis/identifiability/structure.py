@@ -4,9 +4,9 @@ A symmetry multiplies unknowns by powers of a factor without changing any measur
 space of the log-sensitivities at several points of the prior gives candidates with small whole
 exponents.  Each candidate is proven by scaling by two: the response is the same to rounding.
 
-A fixed number may determine a scale that no signal shows.  With another value of the number, the
-unknowns on this scale would differ, and the record would look the same.  If the record hardly
-determines these unknowns, priors determine the scale instead.
+Unknowns may have a common scale that only a fixed number determines, not the signals.  With another
+value of the number, these unknowns would differ, and the record would look the same.  If the record
+hardly determines these unknowns, priors determine the scale instead.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def find_structure(
     proven = tuple(exponents for exponents in candidates if unchanged(exponents))
     local = [null_space([point]) for point in sensitivities if point.any()]
     blind = max(min(map(len, local), default=len(null)), len(proven))
-    if blind > len(null):  # null directions vary over the prior if signals show sums of unknowns
+    if blind > len(null):  # the null directions depend on the point, as those of a sum a + b do
         hidden = np.concatenate(local)
     elif len(proven) >= len(null):
         hidden = np.array(proven, dtype=float).reshape(-1, len(names))
@@ -157,7 +157,7 @@ def _complexity(exponents: Exponents) -> tuple[int, int, Exponents]:
 
 
 NULL_BELOW, NULL_GAP = 1e-7, 1e-4  # limits of singular value / largest, and of value / next larger
-PRIOR_POINTS = 4  # number of points at which symmetries are found and proven, plus the start
+PRIOR_POINTS = 4  # number of points, besides the start, where symmetries are found and proven
 # Points are at this fraction of the distance from the start to draws from the prior.  At the ends of
 # wide priors, rigs are so stiff that rounding hides symmetries.
 PRIOR_SHARE = 0.25
@@ -188,15 +188,15 @@ def structure_of(
 
 
 FREED_RANGE = 0.5, 1.5  # range, relative to its value, over which a fixed number is varied
-MIN_PRIOR_SHARE = 0.5  # smallest share of a scale, and of the largest effect, of priors to be named
+MIN_PRIOR_SHARE = 0.5  # priors are named above this fraction of the total and of the largest effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DependsOnFixed:
-    """Fixed numbers determine a scale of unknowns.
+    """The fixed numbers `held`, which are last in `names`, determine a scale of unknowns.
 
-    If `names`, the last of which are `held`, are multiplied by powers of a factor with `exponents`,
-    no signal changes.  `following (m, m)` are derivatives (d posterior mean / d prior mean) of logs.
+    No signal changes if each of `names` is multiplied by a factor to the power in `exponents`.
+    `following (m, m)` are derivatives (d posterior mean / d prior mean) of logs.
     """
 
     names: tuple[str, ...]
@@ -210,7 +210,7 @@ class DependsOnFixed:
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Return the unknowns that are known through fixed numbers."""
+        """Return the unknowns whose scale the fixed numbers determine."""
         return tuple(name for name, e in self._powers.items() if e and name not in self.held)
 
     @property
@@ -230,7 +230,7 @@ class DependsOnFixed:
         return sum(self._powers[name] * e for name, e in pairs) != 0
 
     def priors(self, names: Sequence[str], exponents: Sequence[float]) -> tuple[str, ...]:
-        """Return unknowns whose priors determine a product that the scale changes.
+        """Return unknowns whose priors determine a product of powers for which `scales` is true.
 
         The result is empty if the product follows the fixed numbers more than the priors.
         """
@@ -251,10 +251,10 @@ def depends_on_fixed(
     prior_sd: Array,
     rng: np.random.Generator,
 ) -> tuple[DependsOnFixed, ...]:
-    """Find scales of unknowns that fixed numbers determine, at most as many as these unknowns.
+    """Find the scales of unknowns that fixed numbers determine.
 
-    Users expect a dependence on more fixed numbers.  `known` is the information of the record at
-    `theta (D,)`, `prior_sd (m,)` are sds of logs, and `rng` draws points to find symmetries.
+    Users expect scales with more fixed numbers than unknowns, so these are omitted.  `known` is the
+    information at `theta (D,)`, `prior_sd (m,)` are sds of logs, and `rng` draws points of the prior.
     """
     space, observations = posterior.space, posterior.likelihood.observations
     model = observations[0].response.model

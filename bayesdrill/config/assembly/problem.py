@@ -159,9 +159,9 @@ def _check_hidden(
             location = delays[0] if delays else ("record", "channels", name, "lag")
             hidden.setdefault(location, []).append(name)
     for location, names in hidden.items():
-        lost = f"with a lag this large no sample of {', '.join(names)} certainly follows the start"
-        way_out = "give the lag a prior with a smaller upper end"
-        errors.add(location, f"the rig moves at the start, and {lost}; {way_out}")
+        lost = f"samples of {', '.join(names)} may all show motion before it, because of the lag"
+        way_out = "Give the lag a prior with a smaller upper end"
+        errors.add(location, f"the rig moves at the start, and {lost}. {way_out}")
 
 
 def _at_start(resolved: ResolvedExperiment) -> dict[str, float]:

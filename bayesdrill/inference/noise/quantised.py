@@ -91,7 +91,7 @@ class Quantised(IndependentNoise):
         return self._log_mass(samples, scales) - np.log(self.steps)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return normal numbers drawn in the samples' intervals, the same draws at all W points."""
+        """Return randomised quantile residuals; their uniform draws are the same at all W points."""
         uniform = np.random.default_rng(0).random(samples.shape[1:])
         sigma, half = self.levels.scales(theta)[:, None], 0.5 * np.array(self.steps)
         return _Interval((samples - half) / sigma, (samples + half) / sigma).quantile(uniform)
@@ -142,7 +142,7 @@ class _Interval:
 
     @property
     def _in_lower_tail(self) -> tuple[Array, Array]:
-        """Return the end nearer to zero, then the other, in the lower tail to keep digits."""
+        """Return both ends, the nearer to zero first, mirrored into the lower tail to keep digits."""
         right = self.low + self.high > 0
         return np.where(right, -self.low, self.high), np.where(right, -self.high, self.low)
 

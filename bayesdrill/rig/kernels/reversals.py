@@ -8,8 +8,8 @@ exceeds the friction at rest, so that slip begins.
 Events are not located in time: no root is sought, and no step ends at an event.  A step with an
 event is divided into parts, and in each part a constant mean effort replaces the friction's effort:
 
-- a zero crossing: the mean of the efforts before and after the crossing, weighted by their durations
-  if the speed falls along a straight line;
+- a zero crossing: the mean of the efforts before and after it, weighted by their durations (the
+  speed is assumed to fall along a straight line);
 - slip to stick: the effort that brings the speed to zero at the end of the part;
 - stick to slip: the mean of the required effort until it reaches the friction at rest, and of the
   sliding friction after that. The required effort is approximated by two straight lines in time.
@@ -105,8 +105,8 @@ class ReversalStep:
     def _order(self) -> list[int]:
         """Return the order in which efforts are computed, each from the latest values of the others.
 
-        The initial values assume no reversal. Efforts against a current, which has no angle, come
-        first. With such an effort the order is repeated, as current and motor are strongly coupled.
+        The initial values assume no reversal. Voltage drops oppose a current, have no angle, and come
+        first. With a voltage drop the order is repeated, as current and motor are strongly coupled.
         """
         angles = [friction.angle for friction in self.step.frictions]
         order = sorted(range(len(angles)), key=lambda e: angles[e] is not None)
@@ -138,7 +138,7 @@ class ReversalStep:
         """Return the result of one part, as `advance` does for the whole step."""
         step, state, drive, inputs = self.step, now.state, now.drive, now.inputs
         rest_sizes = step.rest_sizes(state, inputs)
-        sizes = [*rest_sizes]  # kept if they differ by direction: only one past size is known
+        sizes = [*rest_sizes]  # past sizes are of one direction; unused if the two sizes differ
         for e, magnitude in zip(step.varying, now.past.sizes, strict=True):
             if not sizes[e].differ:
                 sizes[e] = Sizes(magnitude, magnitude)
@@ -284,9 +284,9 @@ def advance_stride(
 ) -> list[Number]:
     """Return the numbers that are carried to the next sample.
 
-    `mode` is that of a long step from sample to sample. If the long step is `wanted`, lanes take it
-    in which all frictions slip far from any event. The code of `steps` runs only if there are other
-    lanes, which take these steps.
+    `mode` is that of a long step from sample to sample. A lane takes the long step if it is `wanted`
+    and all frictions of the lane slip far from any event. The code of `steps` runs only if there are
+    other lanes, which take these steps.
     """
     step, state, past, directions = mode.step, now.state, now.past, mode.directions()
 
@@ -313,7 +313,7 @@ def advance_stride(
 
 
 def _falling(step: Step, state: Sequence[Number]) -> Iterator[Mask]:
-    """Return for each varying size where it still changes with the speed."""
+    """Yield a mask for each varying size: the lanes in which it still changes with the speed."""
     for _, fallen in _spent(step, state):
         yield below(fallen, SETTLED_EXPONENT)
 
