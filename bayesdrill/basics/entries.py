@@ -48,12 +48,12 @@ Latex = Annotated[str, Field(max_length=200)]  # Matplotlib draws longer texts v
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class NoEntries:
-    """A member whose section of a config has no entries has this class."""
+    """Members that have no entries in a config have this class."""
 
 
 @functools.cache
 def entries_of(kind: type) -> Mapping[str, Any]:
-    """Return the annotations of a member's entries; raises `ValueError` for other classes."""
+    """Return the annotations of a member's entries; raises `ValueError` if it is no dataclass."""
     if not dataclasses.is_dataclass(kind):
         raise ValueError(f"{getattr(kind, '__name__', kind)} is no dataclass")
     hints = typing.get_type_hints(kind, include_extras=True)
@@ -151,9 +151,9 @@ def build_member[T](kind: type[T], section: Strict) -> T:
 def unknown_keys(
     choice: tuple[str, str], members: Mapping[str, type], kind: type, section: Strict
 ) -> dict[str, str]:
-    """Return the given entries of a section that `kind` lacks, each with a message for the user.
+    """Return a message for each entry that a section gives but a member of class `kind` lacks.
 
-    `choice` has the key of the entry that names the member, and the noun for such members.
+    `choice` has the key that selects a member, and the noun for members in messages.
     """
     (key, what), known = choice, entries_of(kind)
     name = getattr(section, key)

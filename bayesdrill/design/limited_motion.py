@@ -18,7 +18,7 @@ KEPT_SHARE = 0.99  # smallest fraction of draws that must keep all limits
 TOLERANCE = 1e-6  # relative amount by which a limited quantity may exceed its limit
 HALVINGS = 8  # number of bisections between an allowed and a forbidden waveform
 FINEST = 8000  # upper limit of the samples at which limits are checked, unless the record has more
-CHANGED = 0.01  # a rate is fine enough if doubling it changes sizes by a smaller fraction
+CHANGED = 0.01  # a rate is fine enough if doubling it changes `sizes` by at most this fraction
 SEARCH_TIMES = 250  # approximate number of instants of a record at which a search checks limits
 
 
@@ -85,7 +85,7 @@ class LimitCheck:
         return float(np.mean(~self.broken(levels).any(axis=1)))
 
     def excess(self, levels: Array) -> float:
-        """Return the mean of (excess / largest finite end)^2; inf if the motion is not finite."""
+        """Return the mean of (excess / largest finite |bound|)^2; inf if a motion is not finite."""
         ends = np.array([[limit.low, limit.high] for limit in self.limits])
         sizes = np.abs(np.where(np.isfinite(ends), ends, 0.0)).max(axis=1)
         with np.errstate(all="ignore"):
@@ -116,8 +116,8 @@ class LimitCheck:
 class LimitPenalty:
     """The penalty of a linear rig is the sum of squared excesses of limits at draws `theta (W, D)`.
 
-    States are linear in the levels, so integrals of powers [W] are quadratic forms.  Other limits
-    are checked at some instants of each hold interval, most of them near its beginning.
+    States are linear in the levels, so the integral of a power in watts is a quadratic form.  Other
+    limits are checked at some instants of each hold interval, most of them near its beginning.
     """
 
     def __init__(self, check: LimitCheck, theta: Array) -> None:
@@ -156,7 +156,7 @@ class LimitPenalty:
         return fewer
 
     def __call__(self, levels: Array) -> tuple[float, Array]:
-        """Return the sum of (excess / largest size)^2, and its gradient `(S,)` in the levels."""
+        """Return the sum of (excess / size under the largest level)^2, and its gradient `(S,)`."""
         x, pulses = np.append(1.0, levels), self._pulses[self._times]
         motion = Dual((x @ self._states)[:, :, None], self._states[:, :, 1:])
         driven = Dual((pulses @ x)[None, :, None], pulses[None, :, 1:])

@@ -31,7 +31,7 @@ class DesignTarget:
     formula: Expression
 
     def gradient(self, space: ParameterSpace, theta: Array) -> Array:
-        """Return relative derivatives `(W, m)` of the target by unknowns on natural scales."""
+        """Return d log target / d log unknown (or unknown / step, if signed), `(W, m)`."""
         value = self.formula.value(space.named_slopes(theta))
         if not isinstance(value, Dual):
             return np.zeros((len(theta), len(space.columns(*SIMULATOR_ROLES))))
@@ -72,7 +72,7 @@ def parse_targets(problem: Problem, names: Sequence[str], theta: Array) -> tuple
 def invariant_products(
     structure: ScalingStructure, information: Information, prior_sd: Array
 ) -> tuple[KnownProduct, ...]:
-    """Return independent products that no exact symmetry changes, the best known first.
+    """Return independent products that no exact symmetry changes, the most accurate first.
 
     `information` may come from any waveform, and ranks the products by their accuracy.
     """

@@ -36,7 +36,7 @@ IMPOSED = ("theta_2", "w_2")  # in order of preference: a speed is often compute
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DraftChannel:
-    """A draft channel has its `name` in the config; `measures` is empty if it is a state's name."""
+    """A draft channel has its `name` in the config; `measures` is empty if `name` is a state."""
 
     name: str
     measures: str
@@ -46,7 +46,7 @@ class DraftChannel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorRoles:
-    """Sensors are `channels`, or `inputs` by their name; `gear` is motor turns per shaft turn."""
+    """Roles assign sensors to `channels` and `inputs`; `gear` is motor turns per shaft turn."""
 
     channels: tuple[DraftChannel, ...]
     inputs: Mapping[str, Sensor]
@@ -81,7 +81,7 @@ def assign_roles(
     if gear is not None:
         why = "as given"
         if abs(abs(ratio) / gear - 1) > 0.05:  # false for NaN
-            doubt = f"in their units {sources} turn as {abs(ratio):.4g}:1; check units and gear"
+            doubt = f"{sources} show a gear of {abs(ratio):.4g}:1; check their units and the gear"
     elif math.isnan(ratio):
         doubt = "no two columns show the gear, so it is taken as 1:1"
         doubt += ". The motor's parameters then refer to the shaft. Use `--gear 14` for 14:1"
@@ -170,15 +170,15 @@ def _first(sensors: Sequence[Sensor], what: str, unused: dict[str, str]) -> Sens
     for sensor in sensors[1:]:
         why = f"is not needed: the {what} is taken from {sensors[0].name}"
         if what == "voltage" and len(sensor.column.meaning.kind_word) == 1:
-            why = f"looks like a voltage by its name, and {sensors[0].name} is taken as the voltage; if "
-            why += f'it is a speed use --columns "{sensor.column.command}=w_1 [rad/s]" or v_cart [mm/s]'
-            why += f', and name the voltage too: --columns "{sensors[0].column.command}=v [V]"'
+            why = f"has the name of a voltage, but {sensors[0].name} is taken as the voltage. If "
+            why += f'it is a speed, use --columns "{sensor.column.command}=w_1 [rad/s]" or v_cart [mm/s]'
+            why += f'. Then also name the voltage: --columns "{sensors[0].column.command}=v [V]"'
         unused[sensor.name] = why
     return sensors[0]
 
 
 def _with_locations(turning: Sequence[Sensor]) -> list[Sensor]:
-    """Return sensors with locations; default: an end without a sensor, or else the gearbox."""
+    """Return sensors, with the first unlocated one of each kind at a free end or the gearbox."""
     located = {sensor.location for sensor in turning}
     rotor, upper, twist = ROTOR in located, bool(located & {GEARBOX, MOTOR}), TWIST in located
     if rotor and upper:
@@ -254,7 +254,7 @@ def mark_differenced(
         if angle in channels and speed in channels:
             first, second = channels[angle].sensor, channels[speed].sensor
             t, rows, others = np.intersect1d(first.raw.t, second.raw.t, return_indices=True)
-            whole = len(t) > 0.99 * len(first.values)  # except for removed glitches
+            whole = len(t) > 0.99 * len(first.values)  # apart from glitches, which were removed
             alike = whole and anomalies.differenced(first.si, second.si, dt)
             if alike or signals.differenced(first.raw.x[rows], second.raw.x[others], t):
                 channels[speed] = dataclasses.replace(channels[speed], derived=angle)
@@ -288,7 +288,7 @@ class LagHint:
 
 
 def find_lags(roles: SensorRoles, dt: float) -> list[LagHint]:
-    """Return hints of lags between the twist, or else rotor 1, and each other measured motion."""
+    """Return hints of lags between each motion and the twist (or rotor 1, without a twist)."""
     turning = [c for c in roles.channels if c.sensor.kind in TURNS and not c.derived]
 
     def at(*locations: str) -> list[DraftChannel]:

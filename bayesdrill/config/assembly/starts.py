@@ -23,8 +23,8 @@ SPEED_QUANTILE = 0.99  # quantile of an angle's difference quotients that counts
 def free_start(name: str, experiment: Experiment, model: Model, values: Named) -> ParsedNumber:
     """Return a normal prior of a free initial state: the mean is the first sample, sd = 2 width.
 
-    The width is the range (max - min) of channels of the state or of its kind, or else the
-    equilibrium under the inputs at the parameters `values`. Raises `ValueError` for a zero width.
+    The width is the range (max - min) of the state's channel, or else of channels with its unit.
+    Without them it is the state's equilibrium at `values`. Raises `ValueError` for a zero width.
     """
     symbol = model.symbols[name]
     middle, width = _measured_start(symbol, experiment)
@@ -75,7 +75,7 @@ def _span_of_unit(experiment: Experiment, unit: str) -> float:
 
 
 def _driven_width(name: str, experiment: Experiment, model: Model, values: Named) -> float:
-    """Return the size of a state's equilibrium under the largest inputs, else largest speeds."""
+    """Return a state's size in equilibrium with the largest inputs, or speeds if no input acts."""
     linear = model.linear(values)
     decay = abs(float(linear.A.get((name, name), 0.0)))
     largest = {n: abs(x) for n, x in experiment.constant.items()}
@@ -112,7 +112,7 @@ def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
         reach = float(np.ptp(y[measured]))
         if channel.unit in SPEED_UNITS.values():
             size, error = float(np.mean(first)), sigma / math.sqrt(N_FIRST_SAMPLES)
-            unit = f"{channel.unit} (its value there)"
+            unit = channel.unit
         elif channel.unit in SPEED_UNITS:
             spread = float(np.sqrt(((t - t.mean()) ** 2).sum()))
             slope = float(np.polyfit(t - t.mean(), first, 1)[0])
@@ -122,7 +122,7 @@ def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
             continue
         if abs(size) > MIN_MOTION_OVER_NOISE * error and abs(size) > MIN_MOTION_SHARE * reach:
             raise ValueError(
-                f"it begins in motion ({channel.name} changes by {size:.3g} {unit} at its beginning), "
+                f"it begins in motion ({channel.name} starts with a speed of {size:.3g} {unit}), "
                 "which `initial:` does not describe; write `initial: free`, `initial: steady`, or the "
                 "states at this time"
             )

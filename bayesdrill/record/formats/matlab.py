@@ -30,7 +30,7 @@ _MATRIX, _COMPRESSED = 14, 15  # kinds of elements
 # Classes of matrices that contain other matrices.
 _CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE = 1, 2, 3, 16, 17
 _CONTAINERS = {_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE}
-_CLASS = 16  # bytes from the tag of a matrix to the class in it
+_CLASS = 16  # offset of a matrix's class from the beginning of its tag, in bytes
 _MAX_DIMENSIONS = 32
 
 
@@ -143,7 +143,7 @@ def _read_v5(path: Path, wanted: Collection[str] | None) -> RecordTable:
             message = f"holds cells or structs more than {MAX_DEPTH} deep; save plain arrays"
             raise InputError.at(str(path), message)
         content: Mapping[str, Any] = loadmat(path, mat_dtype=False, variable_names=used)
-        if used is not None and not used <= content.keys():  # the message lists all names
+        if used is not None and not used <= content.keys():  # the error message needs all
             content = loadmat(path, mat_dtype=False)
     for name, value in content.items():
         if not name.startswith("__"):
@@ -196,7 +196,7 @@ def _read_v73(path: Path, wanted: Collection[str] | None) -> RecordTable:
 
 
 def _unfit(name: str, item: Any) -> str:
-    """Return the reason why an item of a v7.3 file holds no plain numbers; empty for plain ones."""
+    """Return why an item of a v7.3 file holds no plain numbers; an empty text if it holds them."""
     import h5py
 
     kind = _text(item.attrs.get("MATLAB_class", b""))

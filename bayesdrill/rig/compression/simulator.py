@@ -1,4 +1,4 @@
-"""Simulate a linear rig by the triangle of a record, in a time independent of the record's length.
+"""Simulate a linear rig by the QR triangle R of a record, in a time independent of its length.
 
 `CompressedSimulator` is the second implementation of a simulator. Sums of squares and their normal
 equations come from the record's triangle (`basis`) for each walker whose truncation bound is small
@@ -41,19 +41,19 @@ from bayesdrill.rig.simulators.long_record import LongRecord
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 
 TOLERANCE = 1e-7  # admissible error of the log likelihood
-MAX_BEYOND = 0.02  # fraction of points whose bound may be too large: the exact simulator serves
+MAX_BEYOND = 0.02  # largest fraction of points that may need the exact simulator
 LEAST = 1e-300  # smallest weight of a sum, to avoid division by zero
-# Numbers of digits of a mode's response that functions represent, tried in this order.
+# Numbers of digits with which the basis must represent a mode's response, tried in this order.
 RESPONSE_DIGITS = range(12, 26, 2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Compression:
-    """The compression has a record's projection on functions, which is small for any record length.
+    """The compression is the projection of a record of any length on a few basis functions.
 
     `shape`, `orders` and `frame` describe the functions to kernels. `reference (n, K)` are the
-    coefficients of the reference, which are subtracted from those of walkers. `numbers` are step
-    and constant inputs. `tolerance (K, sums)` is the admissible error of sums of squares.
+    coefficients of the reference, which are subtracted from those of walkers. `numbers` are the
+    time step and constant inputs. `tolerance (K, sums)` is the admissible error of each sum.
     """
 
     shape: BasisShape
@@ -68,7 +68,7 @@ class Compression:
     def of_nothing(
         cls, basis: Basis, record: LongRecord, sizes: Array, tolerance: Array, **settings: Any
     ) -> Compression:
-        """Return the compression of a record without samples, whose reference does not move.
+        """Return the compression of an empty record; all coefficients of its reference are zero.
 
         `sizes` are norms of input series. `settings` are further fields of the shape.
         """
@@ -89,7 +89,7 @@ class Compression:
 
     @property
     def blocks(self) -> dict[str, Array | Counts]:
-        """Return the blocks of kernels that all walkers share."""
+        """Return the arguments of the kernel that are the same for all walkers."""
         return {
             "numbers": self.numbers, "frame": self.frame, "orders": self.orders,
             "reference": self.reference, "triangles": self.record.matrix,
@@ -154,7 +154,7 @@ class CompressedSimulator(Simulator):
         sums, sizes = np.split(numbers, [self._k * self._shape.sums], axis=1)
         sums = sums.reshape(-1, self._k, self._shape.sums)
         with np.errstate(all="ignore"):
-            # An increment has the errors of two samples.
+            # Sum 2 is that of squared increments, and an increment has the errors of two samples.
             sizes = sizes[..., None] * np.array([1.0, 2.0, 1.0])[: self._shape.sums]
             return sums, 2.0 * np.sqrt(sums) * sizes + sizes**2
 
@@ -186,7 +186,7 @@ class CompressedSimulator(Simulator):
     def beyond(self, sums: Array, errors: Array) -> Flags:
         """Return for which walkers `(W,)` the errors of sums `(W, K, sums)` may be too large.
 
-        A sum's limit is its `tolerance` + `TOLERANCE` * distance from the reference's sum.
+        A sum's error may be `tolerance` + `TOLERANCE` * the sum's distance from the reference's.
         """
         projected = self.compression.record.projected
         least = (projected[..., :-1] ** 2).sum(axis=-1) + projected[..., -1]
@@ -262,7 +262,7 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
     `variances (K,)` are those of the noise. `weights (K, sums)` are those of sums of squares in
     -2 log likelihood, see `Noise.square_weights`. The log likelihood may be wrong by `TOLERANCE`.
 
-    Raises `CompressionError` if `exact_reason` gives a reason, if modes do not decay, or if poles
+    Raises `CompressionError` if `exact_reason` forbids it, if modes do not decay, or if poles
     are too far apart.
     """
     if reason := exact_reason(simulator):
@@ -298,7 +298,7 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
 def column_blocks(
     record: LongRecord, basis: Basis, shape: BasisShape, left: Iterable[tuple[Array, Array]]
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield columns `(m, n)` at samples, and the reference's residuals `(m, K)`.
+    """Yield regressors `(m, n)`, and the reference's residuals `(m, K)`, for m samples at a time.
 
     `left` yields inputs `(m, S)`, and residuals of the reference.
     """

@@ -1,10 +1,10 @@
 """Advance a rig with a servo, whose loop is open while the servo saturates or is in its dead band.
 
-In each lane a step has the matrix of the closed or the open loop, depending on the wanted voltage
-at the beginning of the step; both are exact.  The time at which the loop opens or closes is not
-located.  In such a step the voltage departs from that of the matrix along a straight line.  The
-mean of this difference acts over the whole step, which leaves an error of second order.  If the
-supply is measured, its difference from the usual supply acts by the mean of both ends.
+The wanted voltage at the beginning of a step selects the exact matrix of the closed or the open
+loop, for each walker.  The matrix of the closed loop includes the wanted voltage.  If the loop
+opens or closes within a step, the voltage not included varies linearly from then on.  Its mean
+acts over the whole step, which leaves an error of second order.  If a measured supply differs from
+the usual supply, the change of the voltage is averaged over both ends of the step.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ NO_CHANGE = 1e-300  # volts, added to a divisor that is zero where the voltage i
 class ServoLoop:
     """The loop of a servo gives its voltage within a step.
 
-    `column` is the column of the voltage among the drives.  The wanted voltage is `row` times
-    states and drives, plus `base`.
+    `column` is the index of the voltage among the inputs of a step.  The wanted voltage is `row`
+    times states and inputs, plus `base`.
     """
 
     law: Saturation
@@ -45,7 +45,7 @@ class ServoLoop:
         return mask
 
     def beyond_matrix(self, wanted: Number, closed: Mask, level: Number | None = None) -> Number:
-        """Return the voltage minus the voltage that the matrix of the loop includes."""
+        """Return the voltage, minus the wanted voltage if the loop is closed."""
         voltage = self.law.voltage(self.parameters, wanted)
         acting = voltage if level is None else voltage * level
         return where(closed, acting - wanted, acting)
