@@ -1,6 +1,5 @@
 """`bayesdrill posterior --resume` and `--force`: what goes on, what is refused, what is damaged."""
 
-import os
 import re
 import shutil
 import subprocess
@@ -19,8 +18,8 @@ from support.reporters import Stopping
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import Interrupted
-from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
-from bayesdrill.results.run_folder import Folder, seal
+from bayesdrill.output_files import dumps_checksummed, loads_checksummed
+from bayesdrill.results.run_folder import seal
 
 
 def test_a_finished_run_resumed_changes_nothing(converged: FinishedRun, copy: FinishedRun) -> None:
@@ -135,41 +134,6 @@ def test_resuming_under_another_version_of_what_decides_the_chain_is_refused(
     if package == "numpy":
         assert command_line.cli("report", copy.folder, "--processes", "1").status == 0
         assert '"the version of numpy": "0.0.1"' in (copy.folder / "run.json").read_text()
-
-
-@pytest.mark.slow
-def test_force_killed_while_it_clears_a_folder_can_be_repeated(
-    converged: FinishedRun, copy: FinishedRun, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """After each file that is removed the folder is one that --force or --resume accepts."""
-    kills = []
-
-    def kill(*_: object) -> None:
-        kills.append(count)
-        raise SystemExit(-9)
-
-    for count in (0, 5, 100):
-        remaining = count
-
-        def unlink(path: Path, missing_ok: bool = False) -> None:
-            nonlocal remaining
-            remaining -= 1
-            if remaining < 0:
-                kill()
-            os.unlink(path)
-
-        monkeypatch.setattr(Path, "unlink", unlink)
-        if count == 100:  # all is removed, and the new run.json is not there yet
-            monkeypatch.setattr(Folder, "write_text", kill)
-        with pytest.raises(SystemExit):
-            Folder(copy.folder, "force", {}, POSTERIOR).__enter__().begin()
-        monkeypatch.undo()
-        assert (copy.folder / "run.json").exists()
-        assert_refused(posterior(copy.config, copy.folder), "--resume", "--force")
-    assert kills == [0, 5, 100]
-    assert not (copy.folder / "figures").exists()
-    assert posterior(copy.config, copy.folder, "--resume").status == 0
-    converged.assert_same_chains(copy)
 
 
 def digit_changed(content: bytes) -> bytes:
