@@ -182,7 +182,7 @@ def test_only_one_servo_of_a_train_may_saturate() -> None:
 
 @run_cases("entry", [{"servo": 0}, {"servo": "12"}, {"voltage": 12}, {"servo": 12, "k_p": 1}, {}])
 def test_a_usual_supply_is_a_number_of_a_servo(entry: dict[str, object]) -> None:
-    with pytest.raises(InputError, match=r"write `servo` or, if its supply is measured"):
+    with pytest.raises(InputError, match=r"write `servo` or, if the supply is measured"):
         Train(inertias=("arm",), drives={"arm": entry})
 
 
