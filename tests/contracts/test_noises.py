@@ -13,7 +13,7 @@ import scipy.stats
 from numpy.typing import NDArray
 from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
-from support.small_problems import experiment, likelihood_of, unknown
+from support.small_problems import experiment, likelihood_of, near_middle, unknown
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.inference import laplace
@@ -303,10 +303,7 @@ def assert_slopes_are_differences(posterior: Posterior, theta: Array) -> Array:
 @run_cases("name", MAKERS)
 def test_a_posterior_with_it_has_the_slopes_of_its_density(name: str) -> None:
     posterior = posterior_with(name)
-    share = np.random.default_rng(4).uniform(0.35, 0.65, (3, len(posterior.space.free)))
-    priors = posterior.space.priors.values()
-    theta = np.stack([p.quantile(s) for p, s in zip(priors, share.T, strict=True)], axis=-1)
-    assert_slopes_are_differences(posterior, theta)
+    assert_slopes_are_differences(posterior, near_middle(posterior.space))
 
 
 @run_cases("name", MAKERS)

@@ -11,7 +11,7 @@ from support.compiled_responses import SIGMA, seen
 from support.missing_physics import ar1
 from support.missing_torque_cases import posterior_with_torque
 from support.scipy_oracles import NOMINAL, ORDER
-from support.small_problems import likelihood_of, unknown
+from support.small_problems import likelihood_of, near_middle, unknown
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.basics.formulas import expression
@@ -68,10 +68,7 @@ ALL = LINEAR | {
 
 def points(target: Posterior, n: int = 3) -> np.ndarray:
     """Return coordinates `(n, D)` between the middles of the priors and their ends."""
-    shares = 0.5 + np.random.default_rng(4).uniform(-0.2, 0.2, (n, len(target.space.free)))
-    priors = target.space.priors.values()
-    columns = [prior.quantile(share) for prior, share in zip(priors, shares.T, strict=True)]
-    return target.coordinates.from_physical(np.stack(columns, axis=-1))
+    return target.coordinates.from_physical(near_middle(target.space, n))
 
 
 def differences(
@@ -162,7 +159,7 @@ def test_ends_and_spreads_are_those_of_the_priors() -> None:
 def test_slopes_of_signals_and_of_single_samples_are_exact(name: str) -> None:
     """Differences of the fourth order over 1e-3 of an unknown err by some 1e-10 of the largest."""
     target = ALL[name]()
-    theta = target.coordinates.to_physical(points(target, 1))
+    theta = near_middle(target.space, 1)
     natural = target.coordinates.natural(theta)[0]
     for observation in target.likelihood.observations:
         seen = observation.experiment.seen
@@ -188,7 +185,7 @@ def test_slopes_of_signals_and_of_single_samples_are_exact(name: str) -> None:
 def test_the_information_of_a_point_is_that_of_slopes_and_priors() -> None:
     """An unknown that may be negative counts on the scale of its prior, not of its log."""
     posterior = ALL["two experiments"]()
-    theta = posterior.coordinates.to_physical(points(posterior, 1))[0]
+    theta = near_middle(posterior.space, 1)[0]
     root = laplace.information_root(posterior, theta)
     rows = SensitivityStudy(posterior.likelihood).with_nuisances(theta)
     m = rows.shape[1]

@@ -10,6 +10,7 @@ from support.case_tables import run_cases
 from support.missing_torque_cases import SIZE, TIME, posterior_with_torque
 from support.missing_torque_oracle import covariance, process
 from support.scipy_oracles import NOMINAL
+from support.small_problems import near_middle
 
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
@@ -20,13 +21,6 @@ from bayesdrill.inference.residual_checks import residual_summaries
 
 def joint() -> Posterior:
     return two_experiments.rich_job().problem.posterior
-
-
-def points(posterior: Posterior, n: int = 3) -> np.ndarray:
-    """Return unknowns `(n, D)` about the middle of their priors."""
-    shares = 0.5 + np.random.default_rng(4).uniform(-0.2, 0.2, (n, len(posterior.space.free)))
-    priors = posterior.space.priors.values()
-    return np.stack([p.quantile(u) for p, u in zip(priors, shares.T, strict=True)], axis=-1)
 
 
 def log_likelihood_by_names(theta: np.ndarray, label: str) -> float:
@@ -48,7 +42,7 @@ def log_likelihood_by_names(theta: np.ndarray, label: str) -> float:
 
 
 def test_the_joint_likelihood_is_the_sum_of_its_experiments() -> None:
-    for theta in points(joint()):
+    for theta in near_middle(joint().space):
         expected = sum(log_likelihood_by_names(theta, label) for label in ("late", "moving"))
         assert joint().likelihood(theta[None])[0] == pytest.approx(expected, rel=1e-10)
 
@@ -60,7 +54,7 @@ def test_missing_samples_count_as_if_they_were_never_measured(level: str, experi
     one, rows, k = posterior.likelihood.observations[experiment], np.array([5, 6, 30]), 1
     y = np.array(one.experiment.y)
     y[rows, k] = np.nan
-    theta = points(posterior, 2)
+    theta = near_middle(posterior.space, 2)
     full = posterior.space.full(theta)
     fewer = one.for_record(replace(one.experiment, y=y)).bind(posterior.space)
     difference = one.by_channel(full, theta)[:, k] - fewer.by_channel(full, theta)[:, k]

@@ -169,6 +169,13 @@ def unknown(name: str, prior: Prior, transform: Transform | None = None) -> Unkn
     return Unknown(symbol=symbol, role="quantity", prior=prior, start=start, transform=transform)
 
 
+def near_middle(space: ParameterSpace, n: int = 3) -> np.ndarray:
+    """Return unknowns `(n, D)` about the middles of their priors."""
+    shares = 0.5 + np.random.default_rng(4).uniform(-0.2, 0.2, (n, len(space.free)))
+    priors = space.priors.values()
+    return np.stack([p.quantile(u) for p, u in zip(priors, shares.T, strict=True)], axis=-1)
+
+
 def with_start(target: Posterior, start: Mapping[str, float]) -> Posterior:
     """Return the same posterior, where searches for the MAP begin elsewhere."""
     unknowns = (replace(u, start=start.get(u.name, u.start)) for u in target.space.unknowns)

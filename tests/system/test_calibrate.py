@@ -2,9 +2,7 @@
 
 import os
 import signal
-import subprocess
 import threading
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -184,41 +182,6 @@ def test_the_status_is_the_verdict(copy: Calibration) -> None:
     assert result.status == 3
     assert "not calibrated: ranks of" in result.out
     assert "(posterior too high)" in result.out
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda number: number.name
-)
-def test_a_calibration_that_is_stopped_loses_nothing(
-    number: signal.Signals,
-    sampled: Calibration,
-    tmp_path: Path,
-    started: list[subprocess.Popen[str]],
-) -> None:
-    calibration = Calibration(sampled.config, tmp_path / "out")
-    arguments = ("calibrate", sampled.config, "-o", calibration.folder, "--processes", "2")
-    process = command_line.start_process(*arguments, cwd=tmp_path)
-    started.append(process)
-    end = time.monotonic() + 60
-    refits = calibration.folder / ".refits"
-    while len(list(refits.glob("*.json"))) < 3 and time.monotonic() < end:
-        time.sleep(0.02)
-    now = time.monotonic()
-    if number == signal.SIGINT:
-        os.killpg(process.pid, number)
-    else:
-        process.send_signal(number)
-    _, err = process.communicate(timeout=30)
-    assert time.monotonic() - now < 10
-    assert "Traceback" not in err
-    if number != signal.SIGKILL:
-        assert process.returncode == 130, err
-        assert "continue with --resume" in err
-        assert calibration.json["status"] == "interrupted"
-    result = command_line.run_process(*arguments, "--resume", cwd=tmp_path)
-    assert result.status in (0, 3), result.text
-    assert calibration.ranks == sampled.ranks
 
 
 @pytest.mark.slow

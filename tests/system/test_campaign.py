@@ -3,9 +3,7 @@
 import csv
 import json
 import os
-import signal
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -213,20 +211,3 @@ def test_two_workers_write_the_same_bytes_as_one(finished: Finished, tmp_path: P
     campaigns.run("campaign", finished.path, "-o", other.folder, "--processes", "2")
     assert other.draws == finished.draws
     assert other.record["population"] == finished.record["population"]
-
-
-@pytest.mark.slow
-def test_a_killed_campaign_is_resumed_with_the_same_bytes(
-    finished: Finished, tmp_path: Path
-) -> None:
-    other = Finished(finished.path, tmp_path / "out", finished.result)
-    options = ("campaign", finished.path, "-o", other.folder, "--processes", "1")
-    process = command_line.start_process(*options, cwd=tmp_path)
-    deadline = time.monotonic() + 120
-    while not list(other.folder.glob("draws/*.parquet")) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.communicate()
-    assert 0 < len(other.draws) < 4
-    other.command("campaign", "--resume")
-    assert other.draws == finished.draws

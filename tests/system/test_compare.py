@@ -1,7 +1,6 @@
 """`bayesdrill compare RUN RUN ...`: models of one record, and the verdict that they come to."""
 
 import json
-import shutil
 from pathlib import Path
 
 import pytest
@@ -35,10 +34,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-@pytest.fixture
-def runs(finished: Path, tmp_path: Path) -> Path:
-    shutil.copytree(finished, tmp_path / "models")
-    return tmp_path / "models"
+runs = pytest.fixture(finished_runs.copied, name="runs")
 
 
 def evidence(folder: Path) -> float:

@@ -1,6 +1,5 @@
 """`bayesdrill posterior --resume` and `--force`: what goes on, what is refused, what is damaged."""
 
-import os
 import re
 import shutil
 import subprocess
@@ -19,8 +18,8 @@ from support.reporters import Stopping
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import Interrupted
-from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
-from bayesdrill.results.run_folder import Folder, seal
+from bayesdrill.output_files import dumps_checksummed, loads_checksummed
+from bayesdrill.results.run_folder import seal
 
 
 def test_a_finished_run_resumed_changes_nothing(converged: FinishedRun, copy: FinishedRun) -> None:
@@ -72,40 +71,24 @@ def test_a_run_stopped_in_five_stages_says_what_is_saved_and_goes_on(
     converged.assert_same_chains(FinishedRun(config, out, report))
 
 
-def test_a_run_cut_before_its_first_check_cannot_be_reported_yet(copy: FinishedRun) -> None:
-    """Though its few steps may look converged."""
-    with h5py.File(copy.folder / "chain.h5", "r+") as file:
-        for group in file.values():
-            for name in ("chain", "log_prob"):
-                group[name].resize(150, axis=0)
-            group.attrs["iteration"] = 150
-            seal(group)
-    before = command_line.listing(copy.folder)
-    report = command_line.cli("report", copy.folder)
-    assert_refused(report, "before its first check", "--resume")
-    assert command_line.listing(copy.folder) == before
-
-
-@pytest.mark.slow
-def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
+def test_a_run_cut_before_its_first_check_or_in_one_ensemble_cannot_be_reported_yet(
     unconverged: FinishedRun, tmp_path: Path
 ) -> None:
-    """The others had gone past the check, which must not be made again with longer ensembles."""
-    config = command_line.small_config(tmp_path, UNREACHABLE)
-    replace_text(config, "max_steps: 700", "max_steps: 487")  # a check: 200, 250, 312, 390, 487
-    one, other = tmp_path / "one", tmp_path / "other"
-    assert posterior(config, one).status == 3
-    shutil.copytree(one, other)
-    replace_text(config, "max_steps: 487", "max_steps: 500")
-    assert posterior(config, other, "--resume").status == 3
-    with h5py.File(one / "chain.h5") as short, h5py.File(other / "chain.h5", "r+") as long:
-        del long["ensemble_2"]
-        short.copy("ensemble_2", long)
-    report = command_line.cli("report", other)
-    assert_refused(report, "before its first check", "--resume")
-    replace_text(config, "max_steps: 500", "max_steps: 700")
-    assert posterior(config, other, "--resume").status == 3
-    unconverged.assert_same_chains(FinishedRun(config, other, report))
+    """Though its few steps may look converged."""
+    folder = unconverged.copy(tmp_path / "copy").folder
+    every = [f"ensemble_{k}" for k in range(4)]
+    for names, steps in ((every[2:3], 487), (every, 150)):
+        with h5py.File(folder / "chain.h5", "r+") as file:
+            for group in map(file.get, names):
+                assert len(group["chain"]) > steps
+                for name in ("chain", "log_prob"):
+                    group[name].resize(steps, axis=0)
+                group.attrs["iteration"] = steps
+                seal(group)
+        before = command_line.listing(folder)
+        report = command_line.cli("report", folder)
+        assert_refused(report, "before its first check", "--resume")
+        assert command_line.listing(folder) == before
 
 
 @run_cases("old, new, named", command_line.REFUSALS["resume"], copy=copied_run)
@@ -135,41 +118,6 @@ def test_resuming_under_another_version_of_what_decides_the_chain_is_refused(
     if package == "numpy":
         assert command_line.cli("report", copy.folder, "--processes", "1").status == 0
         assert '"the version of numpy": "0.0.1"' in (copy.folder / "run.json").read_text()
-
-
-@pytest.mark.slow
-def test_force_killed_while_it_clears_a_folder_can_be_repeated(
-    converged: FinishedRun, copy: FinishedRun, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """After each file that is removed the folder is one that --force or --resume accepts."""
-    kills = []
-
-    def kill(*_: object) -> None:
-        kills.append(count)
-        raise SystemExit(-9)
-
-    for count in (0, 5, 100):
-        remaining = count
-
-        def unlink(path: Path, missing_ok: bool = False) -> None:
-            nonlocal remaining
-            remaining -= 1
-            if remaining < 0:
-                kill()
-            os.unlink(path)
-
-        monkeypatch.setattr(Path, "unlink", unlink)
-        if count == 100:  # all is removed, and the new run.json is not there yet
-            monkeypatch.setattr(Folder, "write_text", kill)
-        with pytest.raises(SystemExit):
-            Folder(copy.folder, "force", {}, POSTERIOR).__enter__().begin()
-        monkeypatch.undo()
-        assert (copy.folder / "run.json").exists()
-        assert_refused(posterior(copy.config, copy.folder), "--resume", "--force")
-    assert kills == [0, 5, 100]
-    assert not (copy.folder / "figures").exists()
-    assert posterior(copy.config, copy.folder, "--resume").status == 0
-    converged.assert_same_chains(copy)
 
 
 def digit_changed(content: bytes) -> bytes:

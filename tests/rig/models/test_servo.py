@@ -19,6 +19,7 @@ from bayesdrill.analysis.plausibility import plausibility_of_course
 from bayesdrill.analysis.suspicions import find_reference
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
+from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.findings import finding_sentences
 from bayesdrill.rig.models.linear import with_named
 from bayesdrill.rig.models.train import Train
@@ -181,7 +182,7 @@ def test_only_one_servo_of_a_train_may_saturate() -> None:
 
 @run_cases("entry", [{"servo": 0}, {"servo": "12"}, {"voltage": 12}, {"servo": 12, "k_p": 1}, {}])
 def test_a_usual_supply_is_a_number_of_a_servo(entry: dict[str, object]) -> None:
-    with pytest.raises(InputError, match=r"write `servo` or, if its supply is measured"):
+    with pytest.raises(InputError, match=r"write `servo` or, if the supply is measured"):
         Train(inertias=("arm",), drives={"arm": entry})
 
 
@@ -210,24 +211,26 @@ def test_a_supply_that_stays_at_its_usual_value_is_no_input() -> None:
         assert row["theta_arm"] == pytest.approx(rows[0]["theta_arm"], abs=1e-12)
 
 
+def following(t: Array, goal: Array, values: dict[str, float]) -> Problem:
+    """Return that of an arm of unknown inertia, whose angle is recorded without noise."""
+    rig = with_named(ARM, [*values])
+    y = bd.respond(rig, values, t, {"goal_arm": goal}, SHOWN)["theta_arm"]
+    channels = {"theta_arm": bd.Channel(y, "rad", sigma=0.01)}
+    inputs = {"goal_arm": bd.Input(goal, "rad")}
+    unknown = {"j_arm": {"prior": "log_uniform", "low": 0.01, "high": 0.1}}
+    return bd.case(t, channels, inputs, values | unknown, rig=rig).job.problem
+
+
 @run_cases("limited", [True, False])
 def test_check_says_how_often_a_servo_saturates(limited: bool) -> None:
     """Of a goal far away at first: half of the supply would be exceeded until it is near."""
     values = {**PLAIN, "k_d_arm": 0.0, **({"limit_arm": 0.5} if limited else {})}
-    rig = with_named(ARM, [*values])
     t = 0.004 * np.arange(401)
     goal = np.where(t < 0.8, 0.6, 0.0)
-    y = bd.respond(rig, values, t, {"goal_arm": goal}, SHOWN)["theta_arm"]
-    duty = values["duty_arm"] * values["k_p_arm"] * (goal - y)
+    problem = following(t, goal, values)
+    duty = values["duty_arm"] * values["k_p_arm"] * (goal - problem.experiment.y[:, 0])
     share = 100.0 * float(np.mean(np.abs(duty) > (0.5 if limited else 1.0)))
-    case = bd.case(
-        t,
-        {"theta_arm": bd.Channel(y, "rad", sigma=0.01)},
-        {"goal_arm": bd.Input(goal, "rad")},
-        {**values, "j_arm": {"prior": "log_uniform", "low": 0.01, "high": 0.1}},
-        rig=rig,
-    )
-    posterior = case.job.problem.posterior
+    posterior = problem.posterior
     theta = posterior.space.vector({"j_arm": values["j_arm"]})
     (finding,) = plausibility_of_course(SensitivityStudy(posterior.likelihood), theta)
     assert finding.numbers["percent"] == pytest.approx(share, abs=0.3)
@@ -240,13 +243,5 @@ def test_a_goal_that_the_angle_follows_is_no_reference_in_place_of_a_voltage() -
     """The advice to record a voltage instead would be wrong: the loop is in the model."""
     t = 0.01 * np.arange(401)
     goal = np.sin(2.0 * t)
-    y = bd.respond(with_named(ARM, [*PLAIN]), PLAIN, t, {"goal_arm": goal}, SHOWN)
-    case = bd.case(
-        t,
-        {"theta_arm": bd.Channel(y["theta_arm"], "rad", sigma=0.01)},
-        {"goal_arm": bd.Input(goal, "rad")},
-        {**PLAIN, "j_arm": {"prior": "log_uniform", "low": 0.01, "high": 0.1}},
-        rig=with_named(ARM, [*PLAIN]),
-    )
     unexplained: Any = SimpleNamespace(experiment="", channel="theta_arm", share=1.0)
-    assert find_reference(case.job.problem, [unexplained]) is None
+    assert find_reference(following(t, goal, PLAIN), [unexplained]) is None

@@ -28,7 +28,6 @@ from bayesdrill.sampling.proposal.learning import (
     learn,
 )
 from bayesdrill.sampling.proposal.ridge_tracing import trace
-from bayesdrill.sampling.samplers.ensemble import State, advance
 from bayesdrill.sampling.samplers.independence import WeightedDraws, effective_count, normalised
 
 APART = 20.0  # standard deviations
@@ -53,25 +52,6 @@ def test_weights_of_two_maxima_are_those_of_importance_sampling(kind: str, d: in
     assert proposal.shares(u, 2) == pytest.approx(drawn, abs=1e-6)
     assert proposal.origin == (0, 1)
     assert proposal.draws.acceptance > 0.8
-
-
-@pytest.mark.slow
-@run_cases("kind", HUMPS)
-@run_cases("d", [1, 2, 5])
-def test_walkers_that_start_on_two_maxima_alike_come_to_their_weights(kind: str, d: int) -> None:
-    surface, proposal = two_humps(kind, d)
-    noise = np.random.default_rng(4).standard_normal((100, d))
-    start = surface.means[np.arange(100) % 2] + 0.1 * noise
-    segment = advance(
-        lambda u: (surface.value(u), 0),
-        State(start, surface.value(start), np.random.RandomState(5).get_state()),
-        200,
-        {"independence": 0.8, "differential_evolution": 0.2},
-        proposal.proposal,
-        surface.inside,
-    )
-    hump = surface.belongs(segment.z[20:].reshape(-1, d))
-    assert np.bincount(hump) / len(hump) == pytest.approx(surface.weights, rel=0.1)
 
 
 @run_cases("d", [1, 2])
