@@ -3,7 +3,9 @@
 import csv
 import json
 import os
+import signal
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -206,8 +208,18 @@ simulation:
 
 
 @pytest.mark.slow
-def test_two_workers_write_the_same_bytes_as_one(finished: Finished, tmp_path: Path) -> None:
+def test_two_workers_write_the_bytes_of_one_also_after_a_kill(
+    finished: Finished, tmp_path: Path
+) -> None:
     other = Finished(finished.path, tmp_path / "out", finished.result)
-    campaigns.run("campaign", finished.path, "-o", other.folder, "--processes", "2")
+    options = ("campaign", finished.path, "-o", other.folder, "--processes", "2")
+    process = command_line.start_process(*options, cwd=tmp_path)
+    deadline = time.monotonic() + 120
+    while not list(other.folder.glob("draws/*.parquet")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    assert 0 < len(other.draws) < 4
+    campaigns.run(*options, "--resume")
     assert other.draws == finished.draws
     assert other.record["population"] == finished.record["population"]
