@@ -103,7 +103,7 @@ def test_walkers_that_remember_their_last_draw_have_no_more_effective_draws() ->
     assert result.ess_tail[0] <= kept / result.thin
 
 
-TOO_LONG = "about 25000 steps, more than sampler.max_steps (20000); raise"
+TOO_LONG = "about 25000 steps, more than sampler.max_steps (20000). Raise"
 
 
 @run_cases(

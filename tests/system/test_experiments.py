@@ -81,7 +81,7 @@ def test_records_of_all_experiments_are_simulated_or_none(tmp_path: Path) -> Non
     message = "fast.csv: is read by this command, or named by its config, and is never replaced"
     assert_refused(cli("simulate", config), message)
     assert not (tmp_path / "slow.csv").exists()  # no record is written where one is refused
-    assert_refused(cli("simulate", config, "-o", config), "is no folder")
+    assert_refused(cli("simulate", config, "-o", config), "is not a folder")
     same = two_experiments.write(tmp_path, ("{file: fast.csv}", "{file: slow.csv, window: [0, 3]}"))
     message = "experiments.fast.record.file: another experiment is simulated into"
     assert_refused(cli("simulate", same, "-o", tmp_path / "other"), message)

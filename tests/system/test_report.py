@@ -66,7 +66,7 @@ def test_tables_and_figures_that_fail_are_named_and_all_others_are_made(
     messages = [line for line in messages if line.startswith("could not be made")]
     why = "(ValueError: cannot do this)"
     assert sorted(messages) == sorted(f"could not be made: {name} {why}" for name in BROKEN)
-    assert f"`bayesdrill report {run.folder}` makes it" in way_out
+    assert f"`bayesdrill report {run.folder}` makes the rest" in way_out
     assert "sampling: converged after " in result.out
     failed = {"derived.csv", "verdict.csv", "posterior.nc"}
     failed |= {name for name in FIGURES if re.search("corner|trace|fit", name)}
