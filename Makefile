@@ -26,7 +26,7 @@ help:
 	@echo "make paper       the studies of the paper, repeated: results/paper/ (2 to 3 minutes)"
 	@echo "make results     what results/published holds, made anew from every config (5 minutes)"
 	@echo "make docs        the site of docs/, its notebooks run: build/docs/index.html (2 minutes, in .venv-docs)"
-	@echo "make test        the tests, about 10 minutes; the slowest twenty are listed at the end"
+	@echo "make test        the tests, about 5 minutes; the slowest twenty are listed at the end"
 	@echo "make test-fast   contracts and units that compile no kernel, under a minute"
 	@echo "make test-slow   longer proofs, without those of rates and attack"
 	@echo "make check       format, lint, types and tests"

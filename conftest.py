@@ -11,7 +11,7 @@ import pytest
 
 CACHE = Path(__file__).parent / ".pytest_cache"
 # Each structure of a rig takes 0.05 to 1.4 s to compile, so tests share rigs, and no more are wanted.
-MOST_KERNELS = 460
+MOST_KERNELS = 440
 BEGUN, KERNELS = pytest.StashKey[float](), pytest.StashKey[int]()
 
 # Kernels of all workers and their children are compiled once, and apart from those of the user.
