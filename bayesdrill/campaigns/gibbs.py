@@ -112,7 +112,7 @@ def sweep(
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """For each run, a mixture component with `means (R, K)` and a `precision (R,)` are drawn.
+    """Each run has drawn a mixture component, with `means (R, K)`, and a `precision (R,)`.
 
     The columns of `axes (R, K, K)` define coordinates in which Sigma is the unit matrix, and the
     covariance of the component is diagonal with `variance (R, K)`.

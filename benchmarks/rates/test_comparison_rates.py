@@ -42,10 +42,10 @@ def test_one_record_of_each_kind_is_judged_rightly(kind: Kind) -> None:
 
 def test_the_misfit_is_as_large_as_the_bench_says() -> None:
     """The size is what the best fit of the given config leaves, relative to the noise."""
-    kind = KINDS[1]
-    y, size = bench().record(kind, 0)
-    sums = [mean_square_residual(job, y) for job in (bench().known, bench().jobs[kind.right])]
-    assert np.sqrt(sums[0] / sums[1] - 1.0) == pytest.approx(size, rel=0.25)
+    for kind in KINDS[1:3]:
+        y, size = bench().record(kind, 0)
+        sums = [mean_square_residual(job, y) for job in (bench().known, bench().jobs[kind.right])]
+        assert np.sqrt(sums[0] / sums[1] - 1.0) == pytest.approx(size, rel=0.25)
 
 
 def mean_square_residual(job: Job, y: NDArray[np.float64]) -> float:

@@ -142,7 +142,7 @@ def test_a_posterior_that_ignores_the_record_is_noticed_by_its_log_likelihood() 
 @pytest.mark.parametrize("alike", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_right_posterior_is_found_wrong_as_seldom_as_stated(alike: bool) -> None:
     """In studies of five quantities, which may all have the same ranks."""
-    rng, n, n_draws, studies = np.random.default_rng(8), 60, 19, 600 if alike else 4000
+    rng, n, n_draws, studies = np.random.default_rng(8), 60, 19, 1500 if alike else 4000
     wrong = 0
     for _ in range(studies):
         ranks = rng.integers(0, n_draws + 1, (n, 1 if alike else 5))

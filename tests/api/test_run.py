@@ -95,6 +95,7 @@ def test_a_figure_that_fails_is_named_when_a_run_is_saved(
             folder = run().save(tmp_path / "mine")
     assert warnings[0].filename == __file__
     assert (folder / "summary.csv").exists()
+    assert run().save(tmp_path / "again").exists()  # what could be made this time is not missing
 
 
 def test_results_are_equal_after_pickling() -> None:

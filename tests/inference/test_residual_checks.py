@@ -56,7 +56,7 @@ def white(seed: int) -> Array:
 
 @pytest.mark.parametrize("records", slow_except((1000,), (1000, 2000)))
 def test_records_of_the_model_give_a_finding_as_seldom_as_stated(records: int) -> None:
-    """Of all records, all channels together may give 1 % (fits make it rather 0.7 %)."""
+    """A record gives a finding in any channel with a probability of 1 % (0.7 % after a fit)."""
     every = [summaries(white(seed)) for seed in range(records)]
     wrong = [any(x.large or x.small or x.correlated or x.far for x in of) for of in every]
     assert 0.3 * FALSE_ALARM < np.mean(wrong) < 1.6 * FALSE_ALARM

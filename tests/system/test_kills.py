@@ -103,9 +103,7 @@ def assert_resumes(
     assert pieces(folder) >= saved
     if number == signal.SIGKILL:
         assert process.returncode == -signal.SIGKILL
-        assert (
-            "resource_tracker" not in err
-        )  # no warnings of semaphores once its workers have ended
+        assert "resource_tracker" not in err  # no warnings of semaphores
         assert run.json["status"] == "running"
     else:
         assert process.returncode == 130

@@ -85,7 +85,7 @@ class CampaignSpec(Strict):
     time_unit: TimeUnit = "s"
     """Unit of times that are numbers."""
     by_name: bool = False
-    """If true, runs without times are equally spaced, in the order of their names."""
+    """Space runs without times equally, in the order of their names."""
     noted: list[str] = Field(default_factory=list)
     """Columns of the table of runs that may explain differences between runs."""
     leave_out: list[str] = Field(default_factory=list)

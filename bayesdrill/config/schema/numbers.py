@@ -84,7 +84,7 @@ class ParameterPrior(PriorSpec):
     """The prior of a parameter may be relative to the nominal value."""
 
     relative: bool = False
-    """If true, the numbers of the prior are multiples of the nominal value."""
+    """Take the numbers of the prior as multiples of the nominal value."""
     start: Positive | None = Field(
         None,
         description="Start of the MAP search; default: the nominal value, else the prior median. "

@@ -334,4 +334,4 @@ class ExperimentSpec(Strict):
         default_factory=dict, description="Parameters fixed here, by numbers or formulas."
     )
     held_out: bool = False
-    """If true, this experiment is not fitted; `compare` scores how well each model predicts it."""
+    """Leave this experiment out of the fit; `compare` scores how well each model predicts it."""

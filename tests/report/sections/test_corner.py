@@ -12,6 +12,7 @@ from bayesdrill.inference.priors import Uniform
 from bayesdrill.report import style
 from bayesdrill.report.sections.corner import corner_figure
 
+NINE = tuple(range(9))
 PAIR = (SYMBOLS[0], SYMBOLS[6])  # j_m and k_s
 
 
@@ -53,7 +54,7 @@ def test_nominal_values_and_the_map_are_at_their_places() -> None:
             for k, place, expected in places:
                 assert si(labels[k], place) == pytest.approx(expected, rel=1e-9)
 
-    cases = {"1": ((1,), None), "2": ((0, 6), None), "narrow": ((0, 3, 6), 1e-5)}
+    cases = {"1": ((1,), None), "2": ((0, 6), None), "9": (NINE, None), "narrow": ((0, 3, 6), 1e-5)}
     for_each(cases, check)
 
 

@@ -167,7 +167,7 @@ def test_a_drag_is_referred_through_the_gear() -> None:
 
 
 def test_a_torque_moves_the_motor_through_its_gear() -> None:
-    """By hand, with all of it as it is behind a gear of 4:1.
+    """The oracle is the equation of motion behind a gear of 4:1, derived by hand.
 
     Mutants killed: the torque not seen through the gear, friction that helps.
     """

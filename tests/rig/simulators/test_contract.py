@@ -232,7 +232,9 @@ def rubs(sensing: ObservationModel, *tallied: str) -> Case:
 EVERY_SUM = ("neighbours", "logs", "intervals")
 BOTH = {"d0": "torque", "d5": "torque"}
 MAKE: dict[str, Callable[[], Case]] = {
+    "even, constant inputs": lambda: shaft(series=(), lead=0.137),
     "even, held voltage": lambda: shaft(tallied=EVERY_SUM),
+    "even, straight inputs": lambda: shaft(series=("v", "t_1"), first_order=True),
     "held voltage, from before the record": lambda: shaft(lead=0.137),
     "gaps": lambda: shaft(gaps=True, tallied=EVERY_SUM),
     "jitter, straight inputs": lambda: shaft(
@@ -244,6 +246,7 @@ MAKE: dict[str, Callable[[], Case]] = {
     "left out, all sensors, straight voltage": lambda: shaft(
         "left out", sensing=EVERY, first_order=True
     ),
+    "even, constant, all sensors": lambda: shaft(series=(), sensing=EVERY),
     "a step given late": lambda: shaft(
         series=(), sensing=replace(EVERY, states={}), moving=False
     ),
@@ -292,17 +295,12 @@ def made(name: str) -> Case:
 
 # The others enter every branch with few kernels.
 SLOW = ("chain, straight inputs", "rubs, gaps", "2 states, jitter", "10 states", "40 states")
-SLOW += ("12 states, jitter, gains", "12 states, even")
+SLOW += ("12 states, jitter, gains", "12 states, even", "even, constant", "even, straight")
 QUICK = [name for name in MAKE if not name.startswith(SLOW)]
 EVERY_CASE = slow_except(QUICK, MAKE)
 LINEAR = slow_except(QUICK, (name for name in MAKE if not name.startswith("rubs")))
-SHORT = (
-    "even, held voltage",
-    "held voltage, from before",
-    "even, straight",
-    "2 states",
-    "12 states",
-)
+SHORT = ("even, held voltage", "held voltage, from before", "even, straight")
+SHORT += ("2 states", "12 states")
 FEW = slow_except(QUICK, (name for name in MAKE if name.startswith(SHORT)))
 
 

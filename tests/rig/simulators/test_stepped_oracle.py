@@ -9,14 +9,8 @@ from support.friction_cases import moved
 from support.friction_oracle import Rig, simulate
 from support.scipy_oracles import NOMINAL
 
-FREE = {
-    **NOMINAL,
-    "t_f": 0.0,
-    "c_m": 0.0,
-    "k_s": 0.0,
-    "k_e": 0.0,
-    "k_T": 0.0,
-}  # ends that are apart
+# The ends of the shaft move apart.
+FREE = {**NOMINAL, "t_f": 0.0, "c_m": 0.0, "k_s": 0.0, "k_e": 0.0, "k_T": 0.0}
 AT_REST = np.zeros(2)
 
 
