@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 CACHE = Path(__file__).parent / ".pytest_cache"
-# Each structure of a rig takes 0.05 to 1.4 s to compile, so tests share rigs, and no more are wanted.
+# Each structure of a rig takes some 0.2 s to compile, so tests share rigs, and no more are wanted.
 MOST_KERNELS = 440
 BEGUN, KERNELS = pytest.StashKey[float](), pytest.StashKey[int]()
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.array_cases import two
+from support.case_tables import slow_except
 
 import bayesdrill as bd
 from bayesdrill.sampling.optimisers import contract
@@ -36,7 +37,7 @@ EXAMPLES, PARSER = dict(examples()), doctest.DocTestParser()
 LONG = {
     x for x, text in EXAMPLES.items() if any("run" in y.source for y in PARSER.get_examples(text))
 }
-EVERY = [pytest.param(x, marks=pytest.mark.slow if x in LONG else ()) for x in EXAMPLES]
+EVERY = slow_except(EXAMPLES.keys() - LONG, EXAMPLES)
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from support import figure_contexts as contexts
+from support.case_tables import slow_except
 from support.compared_models import model
 from support.figure_checks import SYMBOLS, TABLE, clashes, drawn, overlap, shown
 from support.linear_study import NAMES, PRIOR_SD, gaussian, linear_study, verdict
@@ -112,7 +113,7 @@ def faults(figure: Figure) -> Iterator[str]:
 # Wide ones; the same functions draw narrow ones, with fewer texts, in the fast tests.
 LONG = ("corner of 9", "narrow corner of 9", "narrow trace of 9", "narrow priors of 9")
 LONG += ("comparison", "comparison of long names", "calibration")
-EVERY = [pytest.param(name, marks=pytest.mark.slow if name in LONG else ()) for name in HARD]
+EVERY = slow_except({*HARD} - {*LONG}, HARD)
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -10,6 +10,7 @@ from matplotlib.path import Path
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
+from support.case_tables import slow_except
 from support.figure_checks import box, drawn, overlap, overlapping, shown
 
 from bayesdrill.report.rig_drawing import rig_figure
@@ -70,7 +71,7 @@ def full(rig: Model) -> Model:
 PICTURES = {f"bare {name}": TRAINS[name] for name in ("gear", "branches", "paper")}
 PICTURES |= {f"full {name}": full(rig) for name, rig in TRAINS.items()}
 QUICK = ("bare paper", "bare branches", "full gear", "full linear", "full servo")
-EVERY = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in PICTURES]
+EVERY = slow_except(QUICK, PICTURES)
 
 
 @cache
