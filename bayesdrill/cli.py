@@ -87,10 +87,12 @@ def _read(config: Path, read: str = "load", **more: Any) -> Any:
         return getattr(bd, read)(config, **more)
 
 
-def _run(read: str, config: Path, output: Path | None, /, given: Any = None, **options: Any) -> Any:
+def _run(
+    read: str, config: Path, output: Path | None, /, arguments: Any = None, **options: Any
+) -> Any:
     """Run a case, a calibration, a ladder or a campaign; if that fails, say how to continue.
 
-    `given` has further arguments of the API function `read`, which reads the file.
+    `arguments` has further arguments of the API function `read`, which reads the file.
     """
     if options["resume"] and options["force"]:
         from bayesdrill.api.arguments import mode
@@ -99,7 +101,7 @@ def _run(read: str, config: Path, output: Path | None, /, given: Any = None, **o
     if (options["processes"] or available_processors()) > 1:
         with suppress(OSError):  # the pool of workers reports the error
             start_server()  # the server loads libraries while this process reads
-    case = _read(config, read, **(given or {}))
+    case = _read(config, read, **(arguments or {}))
     with saved_in(case.place(output)), reporter() as report:
         return case.run(output, report=report, **options)
 
@@ -386,7 +388,7 @@ def calibrate(
     options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
     done = _run("calibration", config, output, **options)
     files = "report.html, summary.md, figures/, ranks.csv"
-    _end(done.said, done.folder, files, good=done.verdict.calibrated)
+    _end(done.summary, done.folder, files, good=done.verdict.calibrated)
 
 
 @command("report results/nominal_step")
@@ -442,7 +444,7 @@ def ladder(
     options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
     done = _run("ladder", config, output, {"sample": sample}, **options)
     files = "report.html, comparison.md, recommended.yaml, ..."
-    _end(done.said, done.folder, files, good=not done.report.reasons)
+    _end(done.summary, done.folder, files, good=not done.report.reasons)
 
 
 @command("campaign configs/campaign/shaft.yaml")
@@ -466,7 +468,7 @@ def campaign(
     options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
     done = _run("campaign", campaign, output, {"seed": seed, "pages": page or ()}, **options)
     files = "report.html, summary.md, population.csv, runs.parquet, ..."
-    _end(done.said, done.folder, files, good=not done.reasons)
+    _end(done.summary, done.folder, files, good=not done.reasons)
 
 
 @command("watch configs/campaign/shaft.yaml --once")
@@ -492,7 +494,7 @@ def watch(
 def verify(folder: Annotated[Path, folder_argument("Folder of a finished run.")]) -> None:
     """Verify that config, record, tables and figures of a run still belong together."""
     verification = bd.verify(folder)
-    say(verification.said, err=not verification.together)
+    say(verification.summary, err=not verification.together)
     if not verification.together:
         raise typer.Exit(INPUT_WRONG)
 

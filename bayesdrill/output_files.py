@@ -435,10 +435,10 @@ def steps_of_chain(ensembles: int, walkers: int, unknowns: int) -> int:
     return MOST_OF_CHAIN // (ensembles * walkers * unknowns)
 
 
-def predictive_draws(wanted: int, ensembles: int, numbers: int) -> int:
-    """Return how many draws per ensemble are predicted, at most `wanted`; 0 if memory is short."""
+def predictive_draws(n_draws: int, ensembles: int, numbers: int) -> int:
+    """Return how many draws per ensemble are predicted, at most `n_draws`; 0 if memory is short."""
     room = MOST_PREDICTED // (ensembles * numbers)
-    return wanted if wanted <= room else room if room >= LEAST_PREDICTED else 0
+    return n_draws if n_draws <= room else room if room >= LEAST_PREDICTED else 0
 
 
 CHECKSUM = "checksum"

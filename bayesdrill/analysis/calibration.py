@@ -79,24 +79,24 @@ class RankBand:
     high: Counts
     false_alarm: float
 
-    def counts(self, ranks: Counts) -> Counts:
+    def count_below(self, ranks: Counts) -> Counts:
         """Count the `ranks (n,)` below each share, `(L,)`."""
         n_draws = len(self.shares)
         return np.cumsum(np.bincount(ranks, minlength=n_draws + 1))[:n_draws]
 
-    def reach(self, ranks: Counts) -> float:
+    def max_deviation(self, ranks: Counts) -> float:
         """Return the largest deviation from uniform ranks, divided by the half-width of the band."""
         expected = self.n * self.shares
-        deviation = self.counts(ranks) - expected
+        deviation = self.count_below(ranks) - expected
         width = np.where(deviation > 0, self.high, self.low) - expected
         # A limit at 0 or n cannot be exceeded.
         open_ended = np.where(deviation > 0, self.high == self.n, self.low == 0)
         width = np.where(width == 0.0, np.copysign(0.5, deviation), width)
         return float(np.max(deviation / width, where=~open_ended, initial=0.0))
 
-    def holds(self, ranks: Counts) -> bool:
+    def contains(self, ranks: Counts) -> bool:
         """Return whether the counts of `ranks (n,)` stay inside the band."""
-        return self.reach(ranks) <= 1.0
+        return self.max_deviation(ranks) <= 1.0
 
 
 @functools.cache
@@ -118,12 +118,12 @@ def ecdf_band(n: int, n_draws: int, false_alarm: float) -> RankBand:
 
 
 @functools.cache
-def count_band(n: int, share: float, false_alarm: float) -> tuple[int, int]:
-    """Return limits for the count of `n` independent events of probability `share`.
+def count_band(n: int, probability: float, false_alarm: float) -> tuple[int, int]:
+    """Return limits for the count of `n` independent events of probability `probability`.
 
     Counts are outside these limits with a probability of at most `false_alarm`.
     """
-    table = scipy.special.bdtr(np.arange(n + 1)[:, None], n, np.array([share]))
+    table = scipy.special.bdtr(np.arange(n + 1)[:, None], n, np.array([probability]))
     low, high = _pointwise(table, false_alarm)
     return int(low[0]), int(high[0])
 
@@ -135,14 +135,14 @@ def _pointwise(table: Array, level: float) -> tuple[Counts, Counts]:
     return low, np.minimum(high, len(table) - 1)
 
 
-def _stay_probability(n: int, shares: Array, low: Counts, high: Counts) -> float:
-    """Return the probability that counts of `n` uniforms are from `low` to `high` at all `shares`.
+def _stay_probability(n: int, quantiles: Array, low: Counts, high: Counts) -> float:
+    """Return the probability that counts of `n` uniforms are from `low` to `high` at all `quantiles`.
 
     Each uniform above share k is below share k + 1 independently, so that counts are a Markov chain.
     """
     log_factorial = scipy.special.gammaln(np.arange(n + 1) + 1.0)
     counts, probability, before = np.array([0]), np.array([1.0]), 0.0
-    for share, first, last in zip(shares, low, high, strict=True):
+    for share, first, last in zip(quantiles, low, high, strict=True):
         if last < first:
             return 0.0
         p = (share - before) / (1.0 - before)
@@ -263,7 +263,7 @@ class IntervalCoverage:
     high: int
 
     @property
-    def holds(self) -> bool:
+    def is_consistent(self) -> bool:
         """Return whether chance explains the coverage."""
         return self.low <= self.inside <= self.high
 
@@ -305,7 +305,7 @@ class CalibrationVerdict:
             if not each.holds
         ]
         for quantity in self.quantities:
-            for interval in (each for each in quantity.intervals if not each.holds):
+            for interval in (each for each in quantity.intervals if not each.is_consistent):
                 inside = 100 * interval.inside / self.band.n
                 numbers = {"percent": 100 * interval.share, "inside": inside}
                 name = {"quantity": quantity.name}
@@ -335,11 +335,11 @@ def judge_calibration(
     band = ecdf_band(len(ranked), n_draws, 0.5 * FALSE_ALARM / len(names))
     n_unknown, quantities = len(names) - 1, []
     for k, (name, ranks) in enumerate(zip(names, table.T, strict=True)):
-        holds, unknown = band.holds(ranks), k < n_unknown
+        holds, unknown = band.contains(ranks), k < n_unknown
         quantity = RankedQuantity(
             name=name,
             ranks=ranks,
-            reach=band.reach(ranks),
+            reach=band.max_deviation(ranks),
             holds=holds,
             shape=shape(ranks, n_draws, of_fit=not unknown) if len(ranks) and not holds else None,
             intervals=_intervals(ranks, n_draws, n_unknown) if unknown else (),

@@ -121,7 +121,7 @@ class Causes:
     untried: tuple[str, ...] = ()
 
     @property
-    def good(self) -> tuple[Cause, ...]:
+    def supported(self) -> tuple[Cause, ...]:
         """Return the candidates for which there is some evidence."""
         return tuple(cause for cause in self.ranked if cause.bayes > SURE_LOG_ODDS)
 

@@ -115,9 +115,9 @@ def _marginal(symbol: Symbol, layer: PosteriorSummary) -> MarginalEstimate | Non
 
 
 def _distances(
-    places: Sequence[MarginalEstimate | None],
+    estimates: Sequence[MarginalEstimate | None],
 ) -> Iterator[tuple[float, tuple[int, int]]]:
-    free = [(k, place) for k, place in enumerate(places) if place is not None and place.sd > 0]
+    free = [(k, place) for k, place in enumerate(estimates) if place is not None and place.sd > 0]
     for (k, first), (j, second) in itertools.combinations(free, 2):
         sd = math.sqrt(0.5 * (first.sd**2 + second.sd**2))
         yield abs(first.mean - second.mean) / sd, (k, j)
@@ -204,7 +204,7 @@ def decide(models: Sequence[RunSummary]) -> ModelDecision:
         "noise": over(lambda model: model.noise == first.noise),
     }
     error = MAX_CHANCE_SE * math.hypot(top.evidence.error, first.evidence.error)
-    word = _word(top, first, gain) if gain["first"] > SURE_LOG_ODDS + error else "neither"
+    word = _decision_word(top, first, gain) if gain["first"] > SURE_LOG_ODDS + error else "neither"
     # Models slightly worse than the best may have lost only by wide priors that the best lacks.
     close = [model for model in models if 0.0 < top.log_z - model.log_z < MAX_LOG_ODDS_OF_PRIORS]
     vague = {
@@ -216,7 +216,7 @@ def decide(models: Sequence[RunSummary]) -> ModelDecision:
     return ModelDecision(word=word, first=0, best=best, gain=gain, vague=tuple(vague))
 
 
-def _word(top: RunSummary, first: RunSummary, gain: Mapping[str, float]) -> Word:
+def _decision_word(top: RunSummary, first: RunSummary, gain: Mapping[str, float]) -> Word:
     """Return what makes the best model better than the first: rig, noise, both, either or priors."""
     if top.rig == first.rig and top.noise == first.noise:
         return "priors"

@@ -78,7 +78,7 @@ def summarise(
                 ess_bulk=float(convergence.ess_bulk[d]),
                 ess_tail=float(convergence.ess_tail[d]),
                 shrinkage=shrinkage,
-                word=_word(shrinkage, distance_to_prior(x, prior)),
+                word=_identification(shrinkage, distance_to_prior(x, prior)),
                 pressed_against=pressed_against(x, prior),
                 **of_draws,
             )
@@ -93,7 +93,7 @@ def distance_to_prior(x: Array, prior: Prior) -> float:
     return float(np.max(np.abs(below - shares)))
 
 
-def _word(shrinkage: float, distance: float) -> Word:
+def _identification(shrinkage: float, distance: float) -> Word:
     if shrinkage < PRIOR_ONLY_SHRINKAGE and distance < PRIOR_ONLY_DISTANCE:
         return "prior only"
     return "determined" if shrinkage > DETERMINED_SHRINKAGE else "weak"
@@ -214,7 +214,7 @@ class RankHistogram:
         return np.cumsum(self.counts, axis=1)[:, :-1] - self.draws * SHARES
 
     @property
-    def holds(self) -> NDArray[np.bool_]:
+    def is_consistent(self) -> NDArray[np.bool_]:
         """Return whether chance explains the ranks of each ensemble, `(E,)`."""
         return np.asarray(np.all(np.abs(self.deviation) <= self.half_width, axis=1))
 

@@ -30,7 +30,7 @@ class Lack:
 
     name: str
     parameter: str
-    words: str
+    description: str
     dry: bool
 
 

@@ -62,7 +62,7 @@ class TorqueEstimate:
     """
 
     label: str
-    at: TorqueLocation
+    location: TorqueLocation
     t: Array
     draws: Array
     expected: Array
@@ -79,7 +79,7 @@ class TorqueEstimate:
     @property
     def inertia(self) -> InertiaRoles:
         """Return the inertia on which the torque acts."""
-        return self.rig.roles.inertia(self.at)
+        return self.rig.roles.inertia(self.location)
 
     @property
     def turning(self) -> Flags:
@@ -141,7 +141,7 @@ def _estimate(
     strayed = _nonlinear_error(observation, pushed, linear, full[:1], draws[:1])
     return TorqueEstimate(
         label=observation.label,
-        at=augmented.torque.at,
+        location=augmented.torque.at,
         t=np.asarray(experiment.t),
         draws=sizes * drawn[:, :, index],
         expected=(sizes * smooth[:, :, index]).mean(axis=0),
@@ -188,7 +188,7 @@ def _nonlinear_error(
     pushed = simulator(loaded, record, response.sensing, *(response.stepping or ()))
     signals = pushed.signals(observation.simulator_parameters(full))[0]
     errors = (signals - linear) / observation.scales(theta)[0]
-    return np.sqrt(np.nanmean(np.where(experiment.seen, errors, np.nan) ** 2, axis=0))
+    return np.sqrt(np.nanmean(np.where(experiment.is_measured, errors, np.nan) ** 2, axis=0))
 
 
 def _courses(
@@ -203,7 +203,7 @@ def _courses(
             moved=_size(moved[sampled, k]),
             strayed=float(strayed[k]),
         )
-        for k, sampled in enumerate(observation.experiment.seen.T)
+        for k, sampled in enumerate(observation.experiment.is_measured.T)
     )
 
 

@@ -74,7 +74,7 @@ def plausibility_of_gear(problem: Problem) -> Iterator[Finding]:
             behind += [inertia.words for inertia in here if inertia.name in others]
             entry = f"model.{roles.gear}: {fast.reduction:.4g}" if roles.gear else "model.gears"
             names = {"channel": channel.name, "state": state, "fast": fast.words, "entry": entry}
-            names |= {"moves": roles.motion.moves, "behind": behind[0]}
+            names |= {"moves": roles.motion.verb, "behind": behind[0]}
             yield Finding("another gear", names, {"times": times, "ratio": 1 / fast.reduction})
 
 
@@ -99,13 +99,13 @@ def plausibility_of_nominal(problem: Problem) -> tuple[Finding, ...]:
 
 
 def plausibility_of_draws(
-    problem: Problem, draws: Array, known: Information
+    problem: Problem, draws: Array, information: Information
 ) -> tuple[Finding, ...]:
-    """Return findings on draws `(N, D)`; `known` is the information of the record alone."""
+    """Return findings on draws `(N, D)`; `information` is the information of the record alone."""
     model = problem.model
     thinned = draws[:: max(1, len(draws) // MOST_DRAWS)]
     values = problem.posterior.likelihood.rig_parameters(thinned)
-    energy = _energy_of_draws(values, known, model)
+    energy = _energy_of_draws(values, information, model)
     return (*energy, *_poles(poles(model, values), problem))
 
 
@@ -145,7 +145,7 @@ def _driving_frictions(sensitivity: SensitivityStudy, theta: Array) -> Iterator[
     for inertia in rig.roles.inertias:
         if inertia.friction not in p or inertia.speed not in sensitivity.states:
             continue
-        column, moves = sensitivity.states.index(inertia.speed), rig.roles.motion.moves
+        column, moves = sensitivity.states.index(inertia.speed), rig.roles.motion.verb
         forwards = np.sign(p[inertia.friction] * inertia.reduction)
         speeds = [motion[:, column] for motion in sensitivity.motions(theta)]
         other_way = [forwards * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
@@ -181,15 +181,15 @@ def _energy_of_nominal(values: Mapping[str, float], model: Model) -> Iterator[Fi
 
 
 def _energy_of_draws(
-    values: Mapping[str, Array], known: Information, model: Model
+    values: Mapping[str, Array], information: Information, model: Model
 ) -> Iterator[Finding]:
     for k_T, k_e in _constants(values, model):
         ratio = values[k_T] / values[k_e]
         share = float(np.mean(ratio > 1 + APPRECIABLE))
         if share <= FEW:
             continue
-        powers = np.array([{k_T: 1.0, k_e: -1.0}.get(name, 0.0) for name in known.names])
-        blind = bool(powers.any()) and not math.isfinite(known.bound(powers))
+        powers = np.array([{k_T: 1.0, k_e: -1.0}.get(name, 0.0) for name in information.names])
+        blind = bool(powers.any()) and not math.isfinite(information.bound(powers))
         middle = float(np.median(ratio))
         numbers = {"margin": 100 * APPRECIABLE, "percent": 100 * share, "ratio": middle}
         kind = "power of priors" if blind else "power of draws"
@@ -233,8 +233,8 @@ def _poles(poles: NDArray[np.complex128], problem: Problem) -> Iterator[Finding]
         yield Finding("fast oscillation", {}, numbers | _of_draws(poles, share))
 
 
-def _of_draws(poles: NDArray[np.complex128], share: float) -> dict[str, float]:
-    return {} if len(poles) == 1 else {"percent": 100 * share}
+def _of_draws(poles: NDArray[np.complex128], fraction: float) -> dict[str, float]:
+    return {} if len(poles) == 1 else {"percent": 100 * fraction}
 
 
 DIFFUSE_DECADES = 2.1  # a log-uniform prior, or another of equal sd, is diffuse if it spans more

@@ -53,14 +53,14 @@ class PredictionCheck:
         return np.minimum((PIT_BINS * self.pit).astype(np.int64), PIT_BINS - 1)
 
     @property
-    def holds(self) -> bool:
+    def is_consistent(self) -> bool:
         """Return whether chance explains the ranks."""
-        return self.band.holds(self.ranks)
+        return self.band.contains(self.ranks)
 
     @property
     def says(self) -> str:
         """Return what is wrong with the prediction; empty if chance explains the ranks."""
-        if self.holds:
+        if self.is_consistent:
             return ""
         return SAYS.get(shape(self.ranks, PIT_BINS - 1) or "", "not as predicted")
 
@@ -113,11 +113,11 @@ class HeldOutScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LooScore:
-    """The leave-one-out score `elpd` is the sum of `terms (n,)`; k is large in a `doubtful` share."""
+    """The leave-one-out score `elpd` is the sum of `terms (n,)`; k is large in a `unreliable` share."""
 
     elpd: float
     terms: Array
-    doubtful: float
+    unreliable: float
 
 
 def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
@@ -160,21 +160,21 @@ def leave_one_out(
     full, log_densities = posterior.space.full(theta), []
     for observation in observations:
         log_p = observation.pointwise(observation.residuals(full).samples, theta)
-        log_densities.append(log_p[:, observation.experiment.seen].T)
+        log_densities.append(log_p[:, observation.experiment.is_measured].T)
     log_p = np.concatenate(log_densities)
     terms, pareto_k = log_p.mean(axis=1), np.zeros(len(log_p))
     differ = np.ptp(log_p, axis=1) > EQUAL_LOG_DENSITY  # smoothing needs different densities
     log_w, pareto_k[differ] = smoothed(log_p[differ])
     terms[differ] = scipy.special.logsumexp(log_w + log_p[differ], axis=1)
     doubtful = float((pareto_k > BAD_PARETO_K).mean())
-    return LooScore(elpd=float(terms.sum()), terms=terms, doubtful=doubtful)
+    return LooScore(elpd=float(terms.sum()), terms=terms, unreliable=doubtful)
 
 
 def has_memory(observation: Observation, theta: Array) -> bool:
     """Return whether a change of one sample changes other whitened samples, at `theta (N, D)`."""
     if observation.white:
         return False
-    first, sampled = theta[:1], observation.experiment.seen
+    first, sampled = theta[:1], observation.experiment.is_measured
     samples = np.where(sampled, np.zeros((2, *sampled.shape)), np.nan)
     for k, sigma in enumerate(observation.scales(first)[0]):
         rows = np.flatnonzero(sampled[:, k])
@@ -259,7 +259,7 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
             )
             for k, channel in enumerate(experiment.channels)
             for column, name in enumerate(series)
-            if experiment.seen[:, k].mean() > MIN_SAMPLED_SHARE
+            if experiment.is_measured[:, k].mean() > MIN_SAMPLED_SHARE
         ]
     return tuple(responses)
 

@@ -42,28 +42,28 @@ class RefitMaximum:
     """A refit has found this maximum of a posterior by Gauss-Newton steps from several starts.
 
     `values` and `sds` are those of the unknowns, SI, and `log_z` is the log evidence (Laplace).
-    `at_ends` maps unknowns at an end of their prior to -1 (lower) or 1 (upper).  `several` is true if
-    another maximum with other values of new unknowns is about as high.  `alike` are pairs of new
+    `at_ends` maps unknowns at an end of their prior to -1 (lower) or 1 (upper).  `has_rival` is true if
+    another maximum with other values of new unknowns is about as high.  `exchangeable` are pairs of new
     unknowns that are interchangeable.  `vague` are unknowns that the record hardly determines.  One
-    evaluation takes `seconds`; the refit `took` this time [s] and a number of `evaluations`.
-    `hidden` is the share of samples that the candidate leaves out.  A search that is not `finished`
-    was stopped below its maximum.
+    evaluation takes `seconds`; the refit has a `duration` [s] and a number of `evaluations`.
+    `omitted` is the share of samples that the candidate leaves out.  A search that is not finished was
+    stopped below its maximum.
     """
 
     values: Mapping[str, float]
     sds: Mapping[str, float]
     log_posterior: float
     log_z: float
-    fit: tuple[ResidualSummary, ...]
+    residuals: tuple[ResidualSummary, ...]
     at_ends: Mapping[str, int]
-    several: bool
-    alike: tuple[tuple[str, str], ...]
+    has_rival: bool
+    exchangeable: tuple[tuple[str, str], ...]
     vague: tuple[str, ...]
     seconds: float
-    took: float
+    duration: float
     evaluations: int
-    hidden: float
-    finished: bool
+    omitted: float
+    is_finished: bool
 
 
 Records = Mapping[tuple[str, str], Array]
@@ -101,20 +101,20 @@ def measured_samples(likelihood: Likelihood) -> dict[tuple[str, str], Array]:
 
 def refit_candidate(
     posterior: Posterior,
-    known: Mapping[str, float],
-    least: float,
-    alone: Mapping[str, float] = MappingProxyType({}),
+    initial: Mapping[str, float],
+    threshold: float,
+    single: Mapping[str, float] = MappingProxyType({}),
     records: Records = MappingProxyType({}),
     starts: Sequence[Mapping[str, float]] = (),
     rival: float = -math.inf,
 ) -> RefitMaximum | None:
     """Return the maximum of a candidate's `posterior`, or None without a finite response.
 
-    Searches start from the values `known`, from the maximum `alone` with only the last change, and
+    Searches start from the values `initial`, from the maximum `single` with only the last change, and
     from `starts`.  Without the latter two, they also start at quantiles of the priors of new unknowns.
-    A search stops if its next step promises less than the log density `least`.  It also stops if it is
-    too slow to come near `least` and to reach the log evidence `rival` (`gauss_newton`).  With a
-    maximum `alone`, no search begins if the first step from `known` promises to stay below `rival`.
+    A search stops if its next step promises less than the log density `threshold`.  It also stops if
+    it is too slow to come near `threshold` and to reach the log evidence `rival`.  With a maximum
+    `single`, no search begins if the first step from `initial` promises to stay below `rival`.
 
     The log evidence is that of a Gaussian with the curvature at the maximum (MacKay 2003, ch. 27).
     Priors count in it as Gaussians of their spread, so that an undetermined direction costs each
@@ -124,9 +124,9 @@ def refit_candidate(
     started = time.perf_counter()
     space, coordinates = posterior.space, posterior.coordinates
     surface = CountingDensity(posterior)
-    physical = _starts(posterior, known, alone, starts)
+    physical = _starts(posterior, initial, single, starts)
     rows = np.clip(coordinates.from_physical(physical), surface.low, surface.high)
-    hopeful = not alone or _can_reach(surface, rows[:1], records, rival)
+    hopeful = not single or _can_reach(surface, rows[:1], records, rival)
     first_steps, rows = (FIRST_STEPS, rows) if hopeful else (0, rows[:1])
     first = gauss_newton(surface, rows, first_steps, merged=MERGED)
     if not np.isfinite(first.value).any():
@@ -138,14 +138,14 @@ def refit_candidate(
     best = best[np.isfinite(first.value[best])]  # if a value is infinite, its gain may be, too
     u, value, gain = first.u[best], first.value[best], first.gain[best]
     unseen, _ = _hidden(posterior.likelihood, records, coordinates.to_physical(u[:1])[0])
-    needed = max(_height_of(surface, u[:1], records, rival), least - unseen - HOPELESS_DEPTH)
-    promising = bool(hopeful and (value + gain).max() + unseen > least)
+    needed = max(_height_of(surface, u[:1], records, rival), threshold - unseen - HOPELESS_DEPTH)
+    promising = bool(hopeful and (value + gain).max() + unseen > threshold)
     promising &= bool((value + LAST_STEPS * gain).max() > needed)
     if promising and step_error.chosen_steps(posterior):
         posterior = step_error.choose_steps(posterior, coordinates.to_physical(u)[0])
         surface = CountingDensity(posterior, surface.evaluations)
     steps, depth = LAST_STEPS if promising else 0, OTHER_MAXIMUM_DEPTH
-    top = gauss_newton(surface, u, steps, merged=MERGED, depth=depth, least=needed)
+    top = gauss_newton(surface, u, steps, merged=MERGED, depth=depth, threshold=needed)
     order = np.argsort(-top.value, kind="stable")
     u, heights = top.u[order], top.value[order]
     if not np.isfinite(heights[0]):
@@ -156,7 +156,7 @@ def refit_candidate(
     sds = own_sds * np.abs(coordinates.slopes(theta[None])[0])
     low, high = np.stack([u[0] - surface.low, surface.high - u[0]]) < NEAR_END * surface.spread
     # Only new unknowns distinguish maxima: the others may lie on a ridge.
-    new = [k for k, name in enumerate(space.free) if name not in known]
+    new = [k for k, name in enumerate(space.free) if name not in initial]
     same = np.maximum(SAME_MAXIMUM * surface.spread, SAME_MAXIMUM_SDS * own_sds)
     is_other = (np.abs(u[1:] - u[0]) > same)[:, new].any(axis=1)
     is_other &= heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH
@@ -169,40 +169,44 @@ def refit_candidate(
         sds=dict(zip(space.free, sds.tolist(), strict=True)),
         log_posterior=float(heights[0]) + unseen,
         log_z=log_z + unseen,
-        fit=tuple(_with_hidden(row, squares.get((row.experiment, row.channel))) for row in fit),
+        residuals=tuple(_with_hidden(r, squares.get((r.experiment, r.channel))) for r in fit),
         at_ends={space.free[k]: 1 if high[k] else -1 for k in np.flatnonzero(low | high)},
-        several=bool(is_other.any()),
-        alike=tuple((space.free[j], space.free[k]) for j, k in pairs if alike[j, k]),
+        has_rival=bool(is_other.any()),
+        exchangeable=tuple((space.free[j], space.free[k]) for j, k in pairs if alike[j, k]),
         vague=tuple(itertools.compress(space.free, own_sds > VAGUE * surface.spread)),
         seconds=seconds,
-        took=time.perf_counter() - started,
+        duration=time.perf_counter() - started,
         evaluations=surface.evaluations,
-        hidden=1.0 - samples[0] / max(samples),
-        finished=bool(promising and heights[0] >= needed),
+        omitted=1.0 - samples[0] / max(samples),
+        is_finished=bool(promising and heights[0] >= needed),
     )
 
 
 def _starts(
     posterior: Posterior,
-    known: Mapping[str, float],
-    alone: Mapping[str, float],
+    initial: Mapping[str, float],
+    single: Mapping[str, float],
     starts: Sequence[Mapping[str, float]],
 ) -> Array:
-    """Return physical starts `(W, D)`: from `known` and `alone`, and at quantiles of the priors.
+    """Return physical starts `(W, D)`: from `initial` and `single`, and at quantiles of the priors.
 
     If no unknown is new, quantiles of all unknowns are taken, as the model differs nevertheless.
-    If the maximum `alone` is known, a few of `starts` are enough, without quantiles.
+    If the maximum `single` is known, a few of `starts` are enough, without quantiles.
     """
     space = posterior.space
-    points = [{**known}, {**alone}, *({**known, **start} for start in starts)]
-    if alone:
+    points = [{**initial}, {**single}, *({**initial, **start} for start in starts)]
+    if single:
         stride = math.ceil(len(starts) / FEW_STARTS) or 1
-        points[1:] = {**known, **alone}, {**alone, **known}, *points[2 + stride // 2 :: stride]
+        points[1:] = (
+            {**initial, **single},
+            {**single, **initial},
+            *points[2 + stride // 2 :: stride],
+        )
     named = ({n: at.get(n, x) for n, x in space.start.items()} for at in points)
     vectors = [*dict.fromkeys(tuple(space.vector(values)) for values in named)]
-    if alone or starts:
+    if single or starts:
         return np.array(vectors)
-    new = [k for k, name in enumerate(space.free) if name not in known]
+    new = [k for k, name in enumerate(space.free) if name not in initial]
     rows = np.repeat(np.array(vectors[:1]), len(START_QUANTILES), axis=0)
     for place, k in enumerate(new or range(len(space.free))):
         probabilities = np.roll(START_QUANTILES, ROTATION * place)

@@ -110,7 +110,7 @@ class RunDraws(Value):
         if products not in self._derived:
             problem, draws = self.problem, self.sampled.draws
             result = self.nothing_derived
-            with self.errors.making("derived quantities"):
+            with self.errors.collect("derived quantities"):
                 following = derived.derive(problem, draws)
                 result = derived.with_products(following, problem, draws, products)
             self._derived[products] = result
@@ -220,23 +220,23 @@ def analyse(
     sensitivity: SensitivityStudy,
     map_each: MapEach = map,
     *,
-    alone: bool = True,
+    is_single: bool = True,
     explained: Causes | None = None,
 ) -> RunAnalysis:
     """Evaluate the `RunAnalysis` of a finished run, without sampling.
 
-    If the run is `alone` and not a candidate, missing effects are tried before the table is blamed.
+    If the run is `is_single` and not a candidate, missing effects are tried before the table is blamed.
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior
     fits = like_noise(run.fit)
     rows, judged = conclude(problem, settings, run.seed, run.mode, sampled, sensitivity, fits=fits)
-    blamed = alone and judged is not None and bool(judged.verdict.far)
+    blamed = is_single and judged is not None and bool(judged.verdict.far)
     products = () if judged is None else basis(judged.study, judged.study.names)
     compared = () if judged is None else [q.exponents for q in judged.verdict.products]
     quantities = run.derived(judged)
     derived_rows: tuple[DerivedRow, ...] = ()
-    with run.errors.making("derived quantities"):
+    with run.errors.collect("derived quantities"):
         derived_rows = derived.summarise(quantities)
     return RunAnalysis(
         unknowns=rows,
@@ -271,7 +271,7 @@ def torque_summary(estimate: TorqueEstimate) -> TorqueSummary:
     band = estimate.band
     return TorqueSummary(
         label=estimate.label,
-        at=estimate.at,
+        at=estimate.location,
         low=float(low),
         high=float(high),
         width=float(np.mean(band[1] - band[0]) / 2),

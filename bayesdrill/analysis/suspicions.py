@@ -48,13 +48,16 @@ MAX_LOG_SD = 1.5
 FEW, ALL = 3, 50  # numbers of positions of an anomaly in a report, and in the output of `check`
 
 
-def suspicions_of_problem(problem: Problem, most: int = FEW) -> Iterator[Finding]:
-    """Yield findings on columns and units, and anomalies with at most `most` positions each."""
+def suspicions_of_problem(problem: Problem, max_positions: int = FEW) -> Iterator[Finding]:
+    """Yield findings on columns and units, and anomalies with at most `max_positions` positions each."""
     for observation in problem.observations:
         experiment = observation.experiment
         label = {"experiment": observation.label} if observation.label else {}
         factors = [channel.factor for channel in experiment.channels]
-        odd = [Finding("anomaly", {"text": each.in_words(most)}) for each in experiment.odd]
+        odd = [
+            Finding("anomaly", {"text": each.in_words(max_positions)})
+            for each in experiment.anomalies
+        ]
         general = findings_of_record(experiment, problem.model, problem.posterior.space.free)
         columns = suspicions_of_record(experiment, factors, problem.model)
         for finding in (*odd, *general, *columns):
@@ -271,7 +274,7 @@ class InputTiming:
         return max(self.shifts, key=lambda shift: abs(shift[1]))
 
     @property
-    def matters(self) -> bool:
+    def is_reported(self) -> bool:
         """Return whether any unknown would move so far that it is reported."""
         return abs(self.worst[1]) > MIN_SHIFT_SDS
 
@@ -287,7 +290,7 @@ def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTimin
         return None
     if not sensitivity.unknowns or any(_lag_is_free(observation) for observation in observations):
         return None
-    half = 0.5 * min(_step(observation.experiment) for observation in observations)
+    half = 0.5 * min(_typical_step(observation.experiment) for observation in observations)
     pairs = zip(observations, sensitivity.motions(theta), strict=True)
     late = np.concatenate([_delay_sensitivity(*p, sensitivity, theta).ravel() for p in pairs])
     rows = sensitivity.with_nuisances(theta)
@@ -301,11 +304,11 @@ def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTimin
     return InputTiming(seconds=half, shifts=tuple(zip(sensitivity.unknowns, ratio, strict=True)))
 
 
-def _step(experiment: Experiment) -> float:
+def _typical_step(experiment: Experiment) -> float:
     """Return the typical step [s] of the inputs or, if all are constant, of the channels."""
     if experiment.series:
         return min(experiment.input_steps.get(name, experiment.dt) for name in experiment.series)
-    return min(median_step(experiment.t[sampled]) for sampled in experiment.seen.T)
+    return min(median_step(experiment.t[sampled]) for sampled in experiment.is_measured.T)
 
 
 def _lag_is_free(observation: Observation) -> bool:

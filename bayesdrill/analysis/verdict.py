@@ -63,20 +63,22 @@ def tension(logs: Array, low: float, high: float) -> float:
     return top + (distance - float(places[-1])) / sd
 
 
-def joint_tension(logs: Array, powers: Array, ends: Array) -> float:
+def joint_tension(logs: Array, powers: Array, limits: Array) -> float:
     """Return sigmas between draws `logs (N, K)` of products and the nearest point within tolerance.
 
-    Factors have `powers (K, m)` and tolerances `ends (m, 2)`.  The share of draws with a larger
+    Factors have `powers (K, m)` and tolerances `limits (m, 2)`.  The share of draws with a larger
     Mahalanobis distance, or the tail of chi-squared if these are few, is converted to sigmas.
     """
     centre, scale = logs.mean(axis=0), logs.std(axis=0)
     root = np.linalg.cholesky(np.atleast_2d(np.cov((logs / scale).T))) * scale[:, None]
     spread = np.linalg.solve(root, (logs - centre).T)
     middle = np.linalg.solve(root, centre)
-    wide = ends[:, 1] > ends[:, 0]
+    wide = limits[:, 1] > limits[:, 0]
     if wide.any():
         matrix = np.linalg.solve(root, powers[:, wide])
-        nearest = scipy.optimize.lsq_linear(matrix, middle, bounds=(ends[wide, 0], ends[wide, 1]))
+        nearest = scipy.optimize.lsq_linear(
+            matrix, middle, bounds=(limits[wide, 0], limits[wide, 1])
+        )
         middle = middle - matrix @ nearest.x
     squared = float(middle @ middle)
     beyond = int(np.sum(np.sum(spread**2, axis=0) >= squared))
@@ -217,7 +219,7 @@ def judge(
     thresholds: IdentifySpec,
     ends: Mapping[str, float] = MappingProxyType({}),
     *,
-    fits: bool = True,
+    model_fits: bool = True,
 ) -> Verdict:
     """Judge the nominal table by nearly independent physical draws `(N, m)` and draws of the prior.
 
@@ -233,11 +235,11 @@ def judge(
         logs=np.log(draws) - table,
         prior_logs=np.log(prior_draws) - table,
         table=table,
-        ends=np.array([(math.log1p(-x), math.log1p(x)) for x in tolerances]),
-        pressed=np.array([name in pressed for name in study.names]),
-        cut=np.array([name in ends for name in study.names]),
+        limits=np.array([(math.log1p(-x), math.log1p(x)) for x in tolerances]),
+        at_end=np.array([name in pressed for name in study.names]),
+        at_nominal=np.array([name in ends for name in study.names]),
         thresholds=thresholds,
-        fits=fits,
+        model_fits=model_fits,
     )
     units = [tuple(int(x) for x in row) for row in np.eye(m, dtype=int)[np.isfinite(table)]]
     products_shown = basis(study, nominal)
@@ -245,14 +247,14 @@ def judge(
     shown = {e: scene.shows(e) for e in judged}
     n_tests = 1 + sum(shown.values())  # the joint tension is a test, too
     limit = float(-scipy.special.ndtri(0.5 * FALSE_ALARM / n_tests))
-    quantities = {e: scene.quantity(e, shown=shown[e], limit=limit) for e in judged}
+    quantities = {e: scene.quantity(e, is_determined=shown[e], limit=limit) for e in judged}
     return Verdict(
         names=study.names,
         parameters=tuple(quantities[e] for e in units),
         products=tuple(quantities[e] for e in products_shown),
         limit=limit,
-        joint=scene.joint([e for e in products_shown if shown[e] and not scene.cuts([e])]),
-        fits=fits,
+        joint=scene.joint([e for e in products_shown if shown[e] and not scene.is_cut_off([e])]),
+        fits=model_fits,
         ends={name: end for name, end in ends.items() if name in study.names},
     )
 
@@ -278,20 +280,20 @@ def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponent
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _TableComparison:
-    """Logs of draw / nominal value are compared with limits `ends (m, 2)` of tolerances.
+    """Logs of draw / nominal value are compared with `limits (m, 2)` of tolerances.
 
-    Draws are `pressed (m,)` against an end of the prior, or `cut (m,)` at the nominal value.
+    Draws are `at_end (m,)` against an end of the prior, or `at_nominal (m,)` at the nominal value.
     """
 
     study: IdentifiabilityStudy
     logs: Array
     prior_logs: Array
     table: Array
-    ends: Array
-    pressed: NDArray[np.bool_]
-    cut: NDArray[np.bool_]
+    limits: Array
+    at_end: NDArray[np.bool_]
+    at_nominal: NDArray[np.bool_]
     thresholds: IdentifySpec
-    fits: bool
+    model_fits: bool
 
     def shows(self, exponents: Exponents) -> bool:
         """Return whether the record determines a product, by its linear bound and by the draws."""
@@ -306,10 +308,10 @@ class _TableComparison:
             return False
         return self.thresholds.classify(drawn) == "determined"
 
-    def quantity(self, exponents: Exponents, *, shown: bool, limit: float) -> Quantity:
+    def quantity(self, exponents: Exponents, *, is_determined: bool, limit: float) -> Quantity:
         logs = _combined(self.logs, exponents)
         nominal = math.exp(_combined(self.table, exponents))
-        ends = np.array(exponents)[:, None] * self.ends  # tolerance of each factor
+        ends = np.array(exponents)[:, None] * self.limits  # tolerance of each factor
         low, high = float(ends.min(axis=1).sum()), float(ends.max(axis=1).sum())
         sigmas = tension(logs, low, high)
         return Quantity(
@@ -322,38 +324,38 @@ class _TableComparison:
             sd_ratio=self._sd_ratio(exponents),
             bits=bits_gained(logs, _combined(self.prior_logs, exponents)),
             blind=self._blind(exponents),
-            says=self._says(exponents, shown=shown, far=sigmas > limit),
+            says=self._result(exponents, is_determined=is_determined, far=sigmas > limit),
         )
 
-    def _says(self, exponents: Exponents, *, shown: bool, far: bool) -> Says:
+    def _result(self, exponents: Exponents, *, is_determined: bool, far: bool) -> Says:
         factors = np.flatnonzero(exponents)
         alone = factors if len(factors) == 1 else factors[:0]
-        cut = self.cut[alone].any() or (shown and self.cuts([exponents]))
+        cut = self.at_nominal[alone].any() or (is_determined and self.is_cut_off([exponents]))
         if cut:
             return "cannot judge"
-        if self.pressed[alone].any():
+        if self.at_end[alone].any():
             return "pressed against the prior"
-        if not shown:
+        if not is_determined:
             return "not determined"
         if not far:
             return "agrees"
-        return "disagrees" if self.fits else "in doubt"
+        return "disagrees" if self.model_fits else "in doubt"
 
     def joint(self, products: list[Exponents]) -> float | None:
-        if len(products) < 2 or self.cuts(products):
+        if len(products) < 2 or self.is_cut_off(products):
             return None
         powers = np.array(products, dtype=float)
         used = np.any(powers != 0, axis=0)
-        ends = np.where(used[:, None], self.ends, 0.0)
+        ends = np.where(used[:, None], self.limits, 0.0)
         logs = np.where(used, self.logs, 0.0) @ powers.T
         return joint_tension(logs, powers, ends)
 
-    def cuts(self, products: Sequence[Exponents]) -> bool:
+    def is_cut_off(self, products: Sequence[Exponents]) -> bool:
         """Return whether an end of a prior at a nominal value cuts off much of these products."""
-        if not self.cut.any():
+        if not self.at_nominal.any():
             return False
         logs = np.stack([_combined(self.logs, e) for e in products], axis=-1)
-        logs, at_end = logs - logs.mean(axis=0), self.logs[:, self.cut]
+        logs, at_end = logs - logs.mean(axis=0), self.logs[:, self.at_nominal]
         at_end = at_end - at_end.mean(axis=0)
         slopes, *_ = np.linalg.lstsq(logs, at_end)
         explained = np.sum((logs @ slopes) ** 2, axis=0) / np.sum(at_end**2, axis=0)
@@ -424,7 +426,7 @@ def conclude(
         pressed,
         settings,
         ends,
-        fits=fits,
+        model_fits=fits,
     )
     findings = plausibility.plausibility_of_draws(problem, draws, study.information)
     findings += tuple(plausibility.plausibility_of_course(sensitivity, best))

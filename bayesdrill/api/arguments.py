@@ -78,10 +78,10 @@ def known[T](registry: Mapping[str, T], name: Any, location: str, what: str) -> 
         raise InputError.at(location, str(error)) from None
 
 
-def whole(location: str, value: int, least: int) -> int:
-    """Return a whole number; raises `InputError` below `least` and from 2**64 on."""
-    if not least <= value < 2**64:
-        message = f"{short_repr(value)} is not a whole number from {least} to 2**64 - 1"
+def integer(location: str, value: int, minimum: int) -> int:
+    """Return a whole number; raises `InputError` below `minimum` and from 2**64 on."""
+    if not minimum <= value < 2**64:
+        message = f"{short_repr(value)} is not a whole number from {minimum} to 2**64 - 1"
         raise InputError.at(location, message)
     return int(value)
 
@@ -102,7 +102,7 @@ def workers(processes: int | None) -> int:
     """Return the number of processes, by default that of processors; raises `InputError`."""
     if processes is None:
         return available_processors()
-    count = whole("processes", processes, 1)
+    count = integer("processes", processes, 1)
     if count > MOST_PROCESSES:
         raise InputError.at("processes", f"{count} are more than {MOST_PROCESSES}; give fewer")
     return count
@@ -313,10 +313,10 @@ class ExperimentPlanner:
         options = {
             "input": input, "low": low, "high": high, "hold": hold, "duration": duration,
             "rate": rate, "slew": slew, "family": family,
-            "experiments": whole("experiments", experiments, 1),
+            "experiments": integer("experiments", experiments, 1),
         }  # fmt: skip
         names, bounds = ((x,) if isinstance(x, str) else tuple(x) for x in (learn, limits))
-        count = whole("draws", draws, 1)
+        count = integer("draws", draws, 1)
         return design.design(
             self.job, self._known_draws(), names, options, bounds, count, report or SILENT,
             rival=None if tell is None else tell.job,

@@ -111,7 +111,7 @@ def campaign(path: str | Path, *, seed: int | None = None, pages: Sequence[str] 
     """
     plan = read_plan(Path(path).expanduser())
     if seed is not None:
-        spec = plan.spec.model_copy(update={"seed": arguments.whole("seed", seed, 0)})
+        spec = plan.spec.model_copy(update={"seed": arguments.integer("seed", seed, 0)})
         plan = dataclasses.replace(plan, spec=spec)
     return Campaign(plan, tuple(pages))
 

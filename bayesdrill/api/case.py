@@ -432,7 +432,7 @@ class Case(arguments.ExperimentPlanner, Value):
 
         job, workers = self.job, arguments.workers(processes)
         if seed is not None:
-            job = job.with_settings(seed=arguments.whole("seed", seed, 0))
+            job = job.with_settings(seed=arguments.integer("seed", seed, 0))
         progress = report or SILENT
         mode = find_map.find_mode(job, workers, progress) if best is None else self._mode(best)
         job = job.with_steps_at(mode)

@@ -46,7 +46,7 @@ def _bundled() -> Path:
     raise InputError.at(str(PACKAGE), "has no examples; install bayesdrill again")
 
 
-def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
+def _in_the_way(folder: Path, paths: Iterable[Path]) -> list[Issue]:
     """Return an issue for a file where a folder is needed, and for each example that exists."""
     records = folder / "records"
     wrong = [] if output_files.path_kind(records) in ("", "a folder") else [records]
@@ -54,7 +54,7 @@ def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
         wrong = [folder]
     no_folder = "is not a folder, but the examples need one here"
     obstacles = [(path, no_folder) for path in wrong]
-    obstacles += [(path, "is there already") for path in wanted if output_files.path_kind(path)]
+    obstacles += [(path, "is there already") for path in paths if output_files.path_kind(path)]
     return [Issue(str(path), f"{why}; move it, or give another FOLDER") for path, why in obstacles]
 
 
@@ -203,7 +203,7 @@ def init(
         voltage=voltage,
         rate=rate or 0.0,
         columns=tuple(collect_each(lambda text: named_column(text, files), columns)),
-        split=split,
+        has_several=split,
     )
     stem = record_files.common_stem(records) if len(records) > 1 else records[0].stem
     target = arguments.results_folder(output, records[0].parent / f"{stem}.yaml")
@@ -350,7 +350,7 @@ def export(
     from bayesdrill.tasks import pipeline
 
     write = arguments.known(exporting.FORMS, to, "to", "form")
-    count = arguments.whole("draws", draws, 2)
+    count = arguments.integer("draws", draws, 2)
     target = None if output is None else Path(output).expanduser()
     place = Path(folder).expanduser()
     if target is not None:

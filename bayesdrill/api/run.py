@@ -56,7 +56,7 @@ def _as_png(figure: Figure) -> bytes:
     return out.getvalue()
 
 
-def _drawn(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> Figure:
+def _drawing(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> Figure:
     """Return drawing number `part`, from 1; the message if it does not exist ends with `count`."""
     from bayesdrill.report.style import warned  # late: matplotlib takes a second
 
@@ -165,7 +165,7 @@ class Best(Value):
         """
         drawings = list(self._report.figures.values())
         count = f"there are {len(drawings)} experiments"
-        return _drawn(drawings, part, count, self._report.warning)
+        return _drawing(drawings, part, count, self._report.warning)
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
@@ -271,7 +271,7 @@ class Run(arguments.ExperimentPlanner, SampledRun):
         The chains and their convergence.
     columns : mapping of str to array, shape (T,), optional
         The record as arrays, if it is not in a file.
-    kept : RunAnalysis, optional
+    stored : RunAnalysis, optional
         The analysis, if it was read from the folder of the run.
 
     Examples
@@ -373,7 +373,7 @@ class Run(arguments.ExperimentPlanner, SampledRun):
         drawn = list(drawings(name, self._view).values())
         if not drawn:
             raise InputError.at("plot", f"there is nothing to draw in a figure {name} of this run")
-        return _drawn(drawn, part, f"the figure {name} has {len(drawn)}", self._view.warning)
+        return _drawing(drawn, part, f"the figure {name} has {len(drawn)}", self._view.warning)
 
     def plot_corner(self) -> Figure:
         """Draw the corner plot: a histogram of each unknown, and contours of each pair of unknowns.
@@ -503,4 +503,4 @@ def open(folder: str | Path) -> Run:
     ['k_s', 't_f']
     """
     result = pipeline.read_result(Path(folder).expanduser())
-    return Run(result.job, result.mode, result.sampled, kept=result.kept)
+    return Run(result.job, result.mode, result.sampled, stored=result.stored)

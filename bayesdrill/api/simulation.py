@@ -86,10 +86,10 @@ def simulate(
 
         if output is not None:
             raise InputError.at("--output", f"{path} is a campaign, which names its files itself")
-        number = None if seed is None else arguments.whole("seed", seed, 0)
+        number = None if seed is None else arguments.integer("seed", seed, 0)
         return Simulated(simulate_campaign(path, number, force=force))
     case = loading.load(path)
-    used_seed = case.config.seed if seed is None else arguments.whole("seed", seed, 0)
+    used_seed = case.config.seed if seed is None else arguments.integer("seed", seed, 0)
     given, several = None if output is None else Path(output).expanduser(), case.config.experiments
     if several and given is not None and given.exists() and not given.is_dir():
         message = "is not a folder; name a folder for the records of several experiments"

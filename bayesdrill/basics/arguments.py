@@ -77,7 +77,7 @@ def _mismatches(location: str, value: Any, hint: Any) -> Iterator[Issue]:
     if typing.get_origin(hint) is Annotated:
         hint, words = typing.get_args(hint)
     choices = _choices(hint)
-    hint = next((choice for choice in choices if _fits(value, choice)), None)
+    hint = next((choice for choice in choices if _has_type(value, choice)), None)
     kind = typing.get_origin(hint)
     if hint is None:
         yield Issue(location, f"give {words or _in_words(choices)}, not {type(value).__name__}")
@@ -94,7 +94,7 @@ def _choices(hint: Any) -> tuple[Any, ...]:
     return typing.get_args(hint) if typing.get_origin(hint) in (Union, UnionType) else (hint,)
 
 
-def _fits(value: Any, hint: Any) -> bool:
+def _has_type(value: Any, hint: Any) -> bool:
     """Return whether a value has the type of an annotation; items of the value are not checked."""
     kind = typing.get_origin(hint) or hint
     if kind is typing.Literal:
@@ -111,10 +111,12 @@ def _fits(value: Any, hint: Any) -> bool:
 
 def _in_words(choices: Sequence[Any]) -> str:
     paths = Path in choices  # messages do not mention that a string is also accepted
-    return " or ".join(_word(choice) for choice in choices if choice is not str or not paths)
+    return " or ".join(
+        _describe_type(choice) for choice in choices if choice is not str or not paths
+    )
 
 
-def _word(hint: Any) -> str:
+def _describe_type(hint: Any) -> str:
     kind, inner = typing.get_origin(hint) or hint, typing.get_args(hint)
     if kind is typing.Literal:
         return " or ".join(map(repr, inner))

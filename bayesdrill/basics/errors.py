@@ -61,7 +61,7 @@ class ErrorCollector:
     missing: list[str] = field(default_factory=list)
 
     @contextmanager
-    def making(self, what: str) -> Iterator[None]:
+    def collect(self, product: str) -> Iterator[None]:
         """Add any error in the block to `missing`; errors of disk, memory or workers raise."""
         try:
             yield
@@ -71,7 +71,7 @@ class ErrorCollector:
             if was_stopped(error):
                 raise
             first = (str(error).splitlines() or [""])[0]
-            self.missing.append(f"{what} ({type(error).__name__}: {first})")
+            self.missing.append(f"{product} ({type(error).__name__}: {first})")
 
 
 @contextmanager
@@ -110,9 +110,9 @@ def short_repr(value: object) -> str:
     return shortened(text)
 
 
-def shortened(text: str, most: int = MAX_VALUE_LETTERS) -> str:
-    """Return a text of at most `most` letters; a longer text is cut off and ends with dots."""
-    return text if len(text) <= most else f"{text[: most - 3]}..."
+def shortened(text: str, max_letters: int = MAX_VALUE_LETTERS) -> str:
+    """Return a text of at most `max_letters` letters; a longer text is cut off and ends with dots."""
+    return text if len(text) <= max_letters else f"{text[: max_letters - 3]}..."
 
 
 def count_noun(n: int, singular: str, plural: str = "") -> str:

@@ -75,12 +75,12 @@ class Expression:
         return Expression(ast.unparse(tree), tree)
 
 
-def expression(text: str, known: Iterable[str]) -> Expression:
-    """Parse a formula in the `known` names; raises `ValueError` with a message for the user."""
+def expression(text: str, known_names: Iterable[str]) -> Expression:
+    """Parse a formula in the `known_names` names; raises `ValueError` with a message for the user."""
     with _readable(text, "pi*G*d**4/(32*L), with a decimal point and without units"):
         tree = ast.parse(text.strip(), mode="eval").body
         _check_size(tree)
-        _check(tree, list(known), _short(text))
+        _check(tree, list(known_names), _short(text))
     return Expression(ast.unparse(tree), tree)
 
 
@@ -137,7 +137,7 @@ def _check_size(tree: ast.expr) -> None:
         level = [inner for inner in below if isinstance(inner, ast.expr)]
 
 
-def _check(node: ast.expr, known: list[str], shown: str) -> None:
+def _check(node: ast.expr, known_names: list[str], shown: str) -> None:
     match node:
         case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
             if not math.isfinite(value):
@@ -145,21 +145,21 @@ def _check(node: ast.expr, known: list[str], shown: str) -> None:
         case ast.Name(id="pi"):
             pass
         case ast.Name(id=name):
-            if name not in known:
-                hint = did_you_mean(name, known)
+            if name not in known_names:
+                hint = did_you_mean(name, known_names)
                 raise ValueError(f"{_short(name)} is not a known name{hint}")
         case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
-            _check(operand, known, shown)
+            _check(operand, known_names, shown)
         case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div(), right=right):
-            _check(left, known, shown)
-            _check(right, known, shown)
+            _check(left, known_names, shown)
+            _check(right, known_names, shown)
         case ast.BinOp(left=left, op=ast.Pow(), right=right):
-            _check(left, known, shown)
+            _check(left, known_names, shown)
             _check(right, [], f"the power {ast.unparse(right)!r}")
         case ast.BinOp(op=ast.BitXor()):
             raise ValueError(f"{shown}: a power is written d**4, not d^4")
         case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTIONS:
-            _check(argument, known, shown)
+            _check(argument, known_names, shown)
         case ast.Call(func=ast.Name(id=name)):
             ways = f"functions are {', '.join(FUNCTIONS)}, of one number each"
             raise ValueError(f"{_short(name)} cannot stand here; {ways}")
@@ -219,9 +219,9 @@ def _short(text: str) -> str:
 _ONLY_SUMS = "only sums of multiples of states are possible"
 
 
-def linear_combination(text: str, known: Iterable[str]) -> dict[str, float]:
-    """Return nonzero weights by `known` name; raises `ValueError` with a message for the user."""
-    names = list(known)
+def linear_combination(text: str, known_names: Iterable[str]) -> dict[str, float]:
+    """Return nonzero weights by `known_names` name; raises `ValueError` with a message for the user."""
+    names = list(known_names)
     shown = _short(text)
     with _readable(text, "theta_1 - theta_2"):
         weights = _weights(ast.parse(text.strip(), mode="eval").body, names)
@@ -235,34 +235,34 @@ def linear_combination(text: str, known: Iterable[str]) -> dict[str, float]:
     return weights
 
 
-def _weights(node: ast.expr, known: list[str]) -> dict[str, float]:
+def _weights(node: ast.expr, known_names: list[str]) -> dict[str, float]:
     """Return weights by name; the name of the constant term is ''."""
     match node:
         case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
             return {"": float(value)}
         case ast.Name(id=name):
-            if name not in known:
-                raise ValueError(f"{_short(name)} is not a state{did_you_mean(name, known)}")
+            if name not in known_names:
+                raise ValueError(f"{_short(name)} is not a state{did_you_mean(name, known_names)}")
             return {name: 1.0}
         case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=operand):
-            weights = _weights(operand, known)
+            weights = _weights(operand, known_names)
             return _scaled(weights, -1.0) if isinstance(op, ast.USub) else weights
         case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as op, right=right):
-            total = _weights(left, known)
+            total = _weights(left, known_names)
             sign = 1.0 if isinstance(op, ast.Add) else -1.0
-            for name, weight in _weights(right, known).items():
+            for name, weight in _weights(right, known_names).items():
                 total[name] = total.get(name, 0.0) + sign * weight
             return total
         case ast.BinOp(left=left, op=ast.Mult(), right=right):
-            first, second = _weights(left, known), _weights(right, known)
+            first, second = _weights(left, known_names), _weights(right, known_names)
             if set(first) == {""}:
                 return _scaled(second, first[""])
             if set(second) == {""}:
                 return _scaled(first, second[""])
         case ast.BinOp(left=left, op=ast.Div(), right=right):
-            divisor = _weights(right, known)
+            divisor = _weights(right, known_names)
             if set(divisor) == {""} and divisor[""] != 0.0:
-                return _scaled(_weights(left, known), 1.0 / divisor[""])
+                return _scaled(_weights(left, known_names), 1.0 / divisor[""])
     raise ValueError(f"{_short(ast.unparse(node))} is not linear; {_ONLY_SUMS}")
 
 

@@ -44,8 +44,8 @@ class Lines:
 
     stream: TextIO
     interval: float = 10.0
-    _begun: float = field(default_factory=time.monotonic)
-    _last: float = field(default_factory=time.monotonic)
+    _start_time: float = field(default_factory=time.monotonic)
+    _last_time: float = field(default_factory=time.monotonic)
 
     def say(self, text: str) -> None:
         """See `Reporter.say`."""
@@ -58,11 +58,11 @@ class Lines:
         """See `Reporter.update`."""
         now = time.monotonic()
         if fraction <= 0:
-            self._begun = self._last = now
+            self._start_time = self._last_time = now
             self.say(f"  {text} ...")
-        elif text and now - self._last >= self.interval:
-            self._last = now
-            remaining = _time_left(now - self._begun, fraction)
+        elif text and now - self._last_time >= self.interval:
+            self._last_time = now
+            remaining = _time_left(now - self._start_time, fraction)
             self.say(f"  {100 * fraction:3.0f} %  {text}{remaining}")
 
 

@@ -25,9 +25,9 @@ def _package_versions() -> Mapping[str, str]:
     return {name: version(name) for name in PACKAGES}
 
 
-def version_differences(used: Mapping[str, str], wanted: Mapping[str, str]) -> list[str]:
-    """Return a text for each package whose `used` version differs from the `wanted` version."""
-    return [f"{k} {used.get(k)} instead of {v}" for k, v in wanted.items() if used.get(k) != v]
+def version_differences(used: Mapping[str, str], expected: Mapping[str, str]) -> list[str]:
+    """Return a text for each package whose `used` version differs from the `expected` version."""
+    return [f"{k} {used.get(k)} instead of {v}" for k, v in expected.items() if used.get(k) != v]
 
 
 def creator() -> str:

@@ -29,7 +29,7 @@ FOREIGN = style.fix_look(
 class Point:
     """A point represents a run, at the data coordinates `x` and `y` of a panel."""
 
-    run: str
+    run_name: str
     panel: Axes
     x: float
     y: float
@@ -77,12 +77,14 @@ def runs_figure(
         return legend_above(figure, looks), tuple(points)
 
 
-def places(figure: Figure, points: Sequence[Point]) -> Iterator[tuple[str, float, float]]:
+def relative_positions(
+    figure: Figure, points: Sequence[Point]
+) -> Iterator[tuple[str, float, float]]:
     """Yield run, x and y of each point: fractions of a drawn figure, from its upper left corner."""
     for point in points:
         pixels = point.panel.transData.transform((point.x, point.y))
         across, up = figure.transFigure.inverted().transform(pixels)
-        yield point.run, float(across), 1.0 - float(up)
+        yield point.run_name, float(across), 1.0 - float(up)
 
 
 def _panel(panel: Axes, population: PopulationFit, k: int, x: Array) -> Array:

@@ -63,7 +63,7 @@ class CampaignRecord:
         shape = "have a shape that no mixture of normal distributions follows"
         return (
             *finding_sentences(self.population.convergence.reasons),
-            *([f"the draws of {named([*runs])} {shape}"] if runs else []),
+            *([f"the draws of {name_list([*runs])} {shape}"] if runs else []),
         )
 
 
@@ -143,18 +143,18 @@ def _verdict(
     few = "too few runs have a time, so drifts are not searched"
     parts = history or ["the rig is steady" if population.charts else few]
     belong = "does not belong" if len(foreign) == 1 else "do not belong"
-    parts.append(f"{named(foreign)} {belong}" if foreign else "all runs belong together")
+    parts.append(f"{name_list(foreign)} {belong}" if foreign else "all runs belong together")
     agrees = {p.product: p.table.agrees for p in population.populations if p.table is not None}
     wrong = [product for product, right in agrees.items() if not right]
     if agrees:
         nominal = "the nominal values"
         parts.append(f"{nominal} disagree in {listed(wrong)}" if wrong else f"{nominal} agree")
     if not_used:
-        parts.append(f"not used: {named(not_used)}")
+        parts.append(f"not used: {name_list(not_used)}")
     return f"{len(population.runs)} runs: {'; '.join(parts)}"
 
 
-def named(names: Sequence[str]) -> str:
+def name_list(names: Sequence[str]) -> str:
     """Return the first `MOST_NAMED` names as text, with the number of the other names."""
     more = len(names) - MOST_NAMED
     return listed(names) if more <= 0 else f"{', '.join(names[:MOST_NAMED])} and {more} more"

@@ -119,11 +119,11 @@ def shown_products(
     return products(information, prior_sd, simple[share < settings.determined], settings)
 
 
-def _why_not(known: KnownProduct) -> str:
+def _why_not(product: KnownProduct) -> str:
     """Return why a product is left out of the population."""
-    if not np.isfinite(known.bound):
+    if not np.isfinite(product.bound):
         return "no such record determines it, so only its priors are known"
-    alone, prior = (f"{100 * sd:.2g} %" for sd in (known.bound, known.prior_sd))
+    alone, prior = (f"{100 * sd:.2g} %" for sd in (product.bound, product.prior_sd))
     return f"its sd is {alone} from the base record alone, and {prior} from the priors"
 
 
@@ -191,17 +191,17 @@ def started_at(posterior: Posterior, values: Mapping[str, float]) -> Posterior:
 
 @dataclass(frozen=True, slots=True)
 class _Stage(Silent):
-    """A stage shows the fraction `share` of finished runs in all batches."""
+    """A stage shows `progress`, the fraction of finished runs in all batches."""
 
     report: Reporter
-    share: Callable[[], float]
+    progress: Callable[[], float]
 
     def say(self, text: str) -> None:
         self.report.say(text)
 
     def update(self, fraction: float, text: str) -> None:
         if text:
-            self.report.update(self.share(), text)
+            self.report.update(self.progress(), text)
 
 
 def fit_runs(

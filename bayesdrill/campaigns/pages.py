@@ -13,7 +13,7 @@ from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns import fits
-from bayesdrill.campaigns.charts import places, runs_figure
+from bayesdrill.campaigns.charts import relative_positions, runs_figure
 from bayesdrill.campaigns.conclusion import CampaignRecord
 from bayesdrill.campaigns.fit import PopulationFit
 from bayesdrill.campaigns.fits import CheckedCampaign, write_parquet
@@ -87,7 +87,7 @@ def write_campaign(campaign: CheckedCampaign, record: CampaignRecord, folder: Fo
     folder.write_text("population.csv", population_csv(population))
     write_runs(plan, population, folder)
     ending = output_files.preferred_format(formats)
-    links = tuple(_link(record, *point) for point in places(figure, points))
+    links = tuple(_link(record, *point) for point in relative_positions(figure, points))
     sections = campaign_sections(record, ending, links)
     title = f"Campaign {record.name}"
     folder.write_text("summary.md", as_markdown(title, sections))

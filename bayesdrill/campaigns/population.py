@@ -65,7 +65,7 @@ class PopulationDraws:
     """M draws of the population have its parameters, arrays `(M, ...)`, and results for R runs.
 
     `covariance` is Sigma, `rig_covariance` is Sigma_rig (zero with one rig), and `levels` are eta_g.
-    `log_likelihood (M, R)` has the term of each run.  `shrunk` and `shrunk_sd (R, K)` are the means
+    `log_likelihood (M, R)` has the term of each run.  `run_means` and `run_sds (R, K)` are the means
     and sds of the log products of runs as members of the population.
     """
 
@@ -76,8 +76,8 @@ class PopulationDraws:
     rig_covariance: Array
     nu: Array
     log_likelihood: Array
-    shrunk: Array
-    shrunk_sd: Array
+    run_means: Array
+    run_sds: Array
     convergence: Convergence
 
     @property
@@ -170,8 +170,8 @@ def _population_draws(
         rig_covariance=rig_covariance,
         nu=stacked("nu"),
         log_likelihood=log_likelihood,
-        shrunk=shrunk,
-        shrunk_sd=np.sqrt(spread / len(states)),
+        run_means=shrunk,
+        run_sds=np.sqrt(spread / len(states)),
         convergence=checked,
     )
 

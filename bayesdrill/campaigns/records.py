@@ -53,21 +53,21 @@ def base_job(plan: CampaignPlan, digests: Mapping[str, str]) -> Job:
     return run_job(plan, next(run for run in plan.runs if run.name in digests))
 
 
-def run_case(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None) -> ResolvedCase:
-    """Return the case of a run; entries that equal those of `before` are not validated again."""
+def run_case(plan: CampaignPlan, run: CampaignRun, previous: ResolvedCase | None) -> ResolvedCase:
+    """Return the case of a run; entries that equal those of `previous` are not validated again."""
     data = overridden(plan.base.data, run.changes)
     folder = plan.base.path.parent.resolve()
     name = sources.relative_name(folder, run.path.resolve())
     record = data.get("record", {})
     if isinstance(record, Mapping):  # validation refuses other types, with their line
         data["record"] = {**record, "file": name}
-    return loading.validate(replace(plan.base, data=data, text=""), before)
+    return loading.validate(replace(plan.base, data=data, text=""), previous)
 
 
-def run_job(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None = None) -> Job:
+def run_job(plan: CampaignPlan, run: CampaignRun, previous: ResolvedCase | None = None) -> Job:
     """Return the job of a run; raises `InputError` with all mistakes and the name of the run."""
     try:
-        return assemble(run_case(plan, run, before))
+        return assemble(run_case(plan, run, previous))
     except InputError as error:
         place = f"run {run.name} ({run.path})"
         raise InputError([Issue(place, str(problem)) for problem in error.problems]) from None
@@ -92,17 +92,17 @@ def check_runs(
     plan: CampaignPlan,
     report: Reporter,
     problems: list[Issue] | None = None,
-    known: KnownRecords | None = None,
+    cached_records: KnownRecords | None = None,
 ) -> tuple[dict[str, str], tuple[str, ...]]:
     """Read and check all records; raises `InputError` with the mistakes of all runs.
 
     Return for each run a digest of all inputs that determine its draws, and notes.
 
-    If `problems` is given, mistakes are added to this list and not raised.  Records in `known` are
-    read again only if their files have changed, and new records are added to `known`.
+    If `problems` is given, mistakes are added to this list and not raised.  Records in `cached_records`
+    are read again only if their files have changed, and new records are added to `cached_records`.
     """
     issues = list[Issue]() if problems is None else problems
-    records = KnownRecords() if known is None else known
+    records = KnownRecords() if cached_records is None else cached_records
     case, good = loading.validate(plan.base), list[str]()
     wanted = next((record.unknowns for record in records.values()), ())
     files = dict[tuple[int, ...], str]()

@@ -35,7 +35,7 @@ class CampaignRun:
     """A run has a name, the `path` of its record, and covariates `noted` by column.
 
     `time` [s] is the time since the first run.  `changes` are the entries in which the run's config
-    differs from the base config.  `place` is the line or file that lists the run.
+    differs from the base config.  `location` is the line or file that lists the run.
     """
 
     name: str
@@ -44,7 +44,7 @@ class CampaignRun:
     time: float | None = None
     noted: Mapping[str, float] = field(default_factory=dict)
     changes: Mapping[str, Any] = field(default_factory=dict)
-    place: str = ""
+    location: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,7 +168,7 @@ def _listed(source: Source, spec: CampaignSpec, issues: list[Issue]) -> Listed:
     if not files:
         message = f"no file matches {runs}, in the folder of this file; check both"
         issues.append(source.issue(("runs",), message))
-    return [(CampaignRun(name=file.stem, path=file, place=str(file)), None) for file in files]
+    return [(CampaignRun(name=file.stem, path=file, location=str(file)), None) for file in files]
 
 
 def _table_rows(path: Path, spec: CampaignSpec, issues: list[Issue]) -> Listed:
@@ -203,7 +203,7 @@ def _run(
     noted: Mapping[str, Any],
     spec: CampaignSpec,
     folder: Path,
-    place: str,
+    location: str,
     issues: list[Issue],
 ) -> tuple[CampaignRun, Any]:
     """Return the run of a row or an entry, and its time as it is written."""
@@ -212,8 +212,8 @@ def _run(
         name=str(known.get("name") or Path(file).stem),
         path=folder / file,
         rig=str(known.get("rig") or ""),
-        noted={name: _number(noted.get(name), name, place, issues) for name in spec.noted},
-        place=place,
+        noted={name: _noted_number(noted.get(name), name, location, issues) for name in spec.noted},
+        location=location,
     )
     return run, known.get("time")
 
@@ -242,7 +242,7 @@ def _parquet(path: Path) -> tuple[list[str], Sequence[NumberedRow]]:
         return table.column_names, [*enumerate(cells, start=1)]
 
 
-def _number(cell: Any, name: str, place: str, issues: list[Issue]) -> float:
+def _noted_number(cell: Any, name: str, location: str, issues: list[Issue]) -> float:
     """Return a noted number, NaN for an empty cell; text and infinite numbers add an issue."""
     try:
         value = float(cell) if cell not in (None, "") else math.nan
@@ -250,7 +250,7 @@ def _number(cell: Any, name: str, place: str, issues: list[Issue]) -> float:
         value = math.inf
     if math.isinf(value):
         message = f"'{shortened(str(cell))}' is not a number; leave the cell empty if none is known"
-        issues.append(Issue(f"{place}: {name}", message))
+        issues.append(Issue(f"{location}: {name}", message))
     return value
 
 
@@ -259,14 +259,14 @@ def _times(listed: Listed, spec: CampaignSpec, issues: list[Issue]) -> Sequence[
     blank = [run for run, time in listed if time in (None, "")]
     if spec.by_name:
         if len(blank) < len(listed):
-            issues.append(Issue(listed[0][0].place, "runs have times; remove `by_name`"))
+            issues.append(Issue(listed[0][0].location, "runs have times; remove `by_name`"))
         order = sorted((run.name for run, _ in listed), key=natural_key)
         places = {name: k * SECONDS[spec.time_unit] for k, name in enumerate(order)}
         return [places[run.name] for run, _ in listed]
     if len(blank) == len(listed):
         return [None] * len(listed)
     issues += [
-        Issue(run.place, "has no time, and other runs have; give all or none") for run in blank
+        Issue(run.location, "has no time, and other runs have; give all or none") for run in blank
     ]
     seconds, kinds = list[float](), set[str]()
     for run, time in listed:
@@ -275,10 +275,10 @@ def _times(listed: Listed, spec: CampaignSpec, issues: list[Issue]) -> Sequence[
         kinds.add(kind)
         if not kind and time not in (None, ""):
             message = f"'{shortened(str(time))}' is neither a number nor a date (2026-03-01T12:00)"
-            issues.append(Issue(f"{run.place}: time", message))
+            issues.append(Issue(f"{run.location}: time", message))
     if {"number", "date"} <= kinds:
         message = "some times are numbers and others dates; write all alike"
-        issues.append(Issue(listed[0][0].place, message))
+        issues.append(Issue(listed[0][0].location, message))
     start = min(seconds)
     return [second - start for second in seconds]
 
@@ -307,19 +307,21 @@ def _repeated(runs: Sequence[CampaignRun]) -> Iterable[Issue]:
     for run in runs:
         path = os.path.abspath(run.path)  # `resolve` would access each of possibly a million files
         if path in files:
-            other = files[path].place
-            yield Issue(run.place, f"{run.path} is a run already ({other}); take out one of them")
+            other = files[path].location
+            yield Issue(
+                run.location, f"{run.path} is a run already ({other}); take out one of them"
+            )
         elif run.name in names:
             other = str(names[run.name].path)
             message = f"{run.path} and {other} have the name {run.name}; give `name` in a table"
-            yield Issue(run.place, message)
+            yield Issue(run.location, message)
         names.setdefault(run.name, run)
         files.setdefault(path, run)
         if run.time is not None and not math.isnan(run.time):
             other = times.setdefault((run.rig, run.time), run.name)
             if other != run.name:
                 message = f"{run.name} has the time of {other}; give each its own, or none at all"
-                yield Issue(run.place, message)
+                yield Issue(run.location, message)
 
 
 def _notes(spec: CampaignSpec, runs: Sequence[CampaignRun]) -> Iterable[str]:

@@ -36,14 +36,14 @@ OUTLIERS = "outliers"  # stands for all outliers in `--page`
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignOutcome:
-    """A finished campaign has a folder, results, and the text for the terminal, `said`.
+    """A finished campaign has a folder, results, and the text for the terminal, `summary`.
 
     `reasons` say why the results must not be believed.
     """
 
     folder: Path
     record: CampaignRecord
-    said: str
+    summary: str
     reasons: tuple[str, ...]
 
 
@@ -53,14 +53,14 @@ def run_campaign(
     how: WriteMode,
     crew: RefitExecutor,
     report: Reporter,
-    known: KnownRecords | None = None,
+    cached_records: KnownRecords | None = None,
     asked: Sequence[str] = (),
 ) -> CampaignOutcome:
     """Run a campaign with results in the folder `output`; raises `Interrupted` if stopped.
 
     A page is made for each run that `asked` names; the name `OUTLIERS` stands for all outliers.
 
-    `known` caches records that were read.  If given, bad records are left out without an error.
+    `cached_records` caches records that were read.  If given, bad records are left out without an error.
     """
     _need_parquet(plan)
     names = [run.name for run in plan.runs]
@@ -68,9 +68,9 @@ def run_campaign(
         if name not in (*names, OUTLIERS):
             message = f"no run is called {name}{did_you_mean(name, names)}"
             raise InputError.at("--page", message)
-    problems = None if known is None else list[Issue]()
+    problems = None if cached_records is None else list[Issue]()
     with Folder(output, how, _marks(plan), CAMPAIGN) as folder:
-        digests, notes = check_runs(plan, report, problems, known)
+        digests, notes = check_runs(plan, report, problems, cached_records)
         if len(digests) < MIN_RUNS:
             raise _too_few(plan, len(digests), problems or [])
         report.say(describe_plan(plan, notes))
@@ -155,7 +155,7 @@ def _publish(
     folder.write_text(RECORD, output_files.dumps_checksummed({"form": FORM, **as_data(record)}))
     folder.write_run(status="finished", files=folder.digests())
     said, why_not = pages.screen(record), (*record.unbelievable, *not_used.values())
-    return CampaignOutcome(folder=folder.path, record=record, said=said, reasons=why_not)
+    return CampaignOutcome(folder=folder.path, record=record, summary=said, reasons=why_not)
 
 
 def _usable_runs(

@@ -74,9 +74,9 @@ def _state(plan: CampaignPlan, listing: frozenset[str], bad: list[Path]) -> tupl
     return (listing, *map(stamp_of, (path, table, *bad)))
 
 
-def _wait_until_written(plan: CampaignPlan, known: KnownRecords) -> None:
+def _wait_until_written(plan: CampaignPlan, cached_records: KnownRecords) -> None:
     """Wait until no new record has changed for `SETTLED` seconds."""
-    new = [run.path for run in plan.runs if run.name not in known]
+    new = [run.path for run in plan.runs if run.name not in cached_records]
     newest = max((stamp_of(path)[1] for path in new), default=0) / 1e9
     time.sleep(min(max(newest + SETTLED - time.time(), 0.0), SETTLED))
 

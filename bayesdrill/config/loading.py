@@ -64,16 +64,16 @@ def load(path: Path) -> ResolvedCase:
     return validate(read(path))
 
 
-def validate(source: Source, before: ResolvedCase | None = None) -> ResolvedCase:
+def validate(source: Source, previous: ResolvedCase | None = None) -> ResolvedCase:
     """Validate a config that has been read; raises `InputError` as `load` does.
 
-    Entries that have not changed since the case `before` are not validated again.
+    Entries that have not changed since the case `previous` are not validated again.
     """
     if {"base", "runs"} <= source.data.keys():
         message = "is the file of a campaign; `check`, `campaign`, `watch` and `simulate` take it"
         raise InputError.at(str(source.path), message)
     words = load_vocabulary(source)
-    known = {} if before is None else {each.label: each for each in before.experiments}
+    known = {} if previous is None else {each.label: each for each in previous.experiments}
     if EXPERIMENTS in source.data:
         config, resolved = _load_several(source, words, known)
     else:
@@ -133,7 +133,7 @@ def _with_walkers(config: Config, model: Model) -> Config:
 
 
 def _load_several(
-    source: Source, words: Vocabulary, known: Mapping[str, ResolvedExperiment]
+    source: Source, words: Vocabulary, previous: Mapping[str, ResolvedExperiment]
 ) -> tuple[Config, dict[str, ResolvedExperiment]]:
     """Return the joint config (see `join_experiments`), and each experiment by its label."""
     alone, resolved = split_experiments(source), dict[str, ResolvedExperiment]()
@@ -147,7 +147,7 @@ def _load_several(
             location = (EXPERIMENTS, label, "record", "file")
             problems += [source.issue(location, NO_RECORD)] if alone else []
         try:
-            resolved[label] = _load_single(local_source, words, known.get(label), label)
+            resolved[label] = _load_single(local_source, words, previous.get(label), label)
         except InputError as error:
             problems += error.problems
     whole, config = join_experiments(source, alone), None
@@ -174,10 +174,12 @@ def _by_location(errors: list[EntryError], source: Source) -> dict[Location, Ent
 
 
 def _load_single(
-    source: Source, words: Vocabulary, known: ResolvedExperiment | None, label: str = ""
+    source: Source, words: Vocabulary, previous: ResolvedExperiment | None, label: str = ""
 ) -> ResolvedExperiment:
     problems, resolved = list(source.repeated), None
-    config, found = read_config(source.data, words, None if known is None else known.validated)
+    config, found = read_config(
+        source.data, words, None if previous is None else previous.validated
+    )
     if config is None:
         errors = _by_location(found, source)
         messages = {location: message_of(item, location) for location, item in errors.items()}
@@ -187,8 +189,12 @@ def _load_single(
         problems += [source.issue(at, messages[at]) for at in errors if at not in implied]
         spoilt = [*errors, *filter(None, meant)]
         problems += _check_remaining(copy.deepcopy(source.data), spoilt, source, words)
-    elif known is not None and config is known.config and source.labels == known.source.labels:
-        resolved = dataclasses.replace(known, source=source)
+    elif (
+        previous is not None
+        and config is previous.config
+        and source.labels == previous.source.labels
+    ):
+        resolved = dataclasses.replace(previous, source=source)
     else:
         broken, resolved = build_experiment(config, source, frozenset(), label)
         problems += broken

@@ -32,7 +32,7 @@ class Source:
     data: Any
     lines: Mapping[Location, int]  # line, from 1, of the key or list item at each location
     repeated: tuple[Issue, ...]  # one issue for each repeated key
-    moved: Mapping[Location, Location] = field(default_factory=dict)  # original locations
+    origins: Mapping[Location, Location] = field(default_factory=dict)  # original locations
     labels: tuple[str, ...] = ()  # labels of all experiments, if there are several
 
     def issue(self, location: Location, message: str) -> Issue:
@@ -40,7 +40,7 @@ class Source:
         nearest = location
         while nearest not in self.lines and nearest:
             nearest = nearest[:-1]
-        stands = (*self.moved.get(nearest, nearest), *location[len(nearest) :])
+        stands = (*self.origins.get(nearest, nearest), *location[len(nearest) :])
         dotted = ".".join(str(part) for part in stands)
         label = f"{self.path}:{self.lines.get(nearest, 1)}" if self.lines else str(self.path)
         return Issue(f"{label}: {dotted}" if dotted else label, message)

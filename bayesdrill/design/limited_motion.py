@@ -43,7 +43,9 @@ class LimitCheck:
         sizes = check.sizes(theta[:4], levels)
         while limits and 2 * len(source.t) <= FINEST:
             source = dataclasses.replace(source, hold=source.interval, rate=2.0 * source.rate)
-            check = cls(ComingExperiment.like(coming.observation, source), limits, theta)
+            check = cls(
+                ComingExperiment.from_observation(coming.observation, source), limits, theta
+            )
             before, sizes = sizes, check.sizes(theta[:4], levels)
             if (np.abs(sizes - before) <= CHANGED * sizes).all():
                 break
@@ -57,7 +59,7 @@ class LimitCheck:
         """Return the limited quantities `(W, T, L)` at draws `theta (W, D)`."""
         states = self.coming.motion(theta, levels)[1]
         driven = self.coming.source.series(levels)[:, None]
-        named = self.named(theta, states[..., None, :], driven[None])
+        named = self.values_by_name(theta, states[..., None, :], driven[None])
         courses = [limit.course(*named, self.interval) for limit in self.limits]
         return np.concatenate([*courses, states[..., :0]], axis=-1)
 
@@ -66,7 +68,7 @@ class LimitCheck:
         """Return the time between two samples [s]."""
         return 1.0 / self.coming.source.rate
 
-    def named(
+    def values_by_name(
         self, theta: Array, states: Any, driven: Any
     ) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
         """Return the states `(..., X)`, the driven input, and constants `(W, 1, 1)` by name."""
@@ -141,7 +143,7 @@ class LimitPenalty:
         check, count = self._check, self._check.coming.source.count
         still, *pulses = (check.coming.motion(theta, u)[1][0] for u in np.eye(count + 1)[:, 1:])
         states = np.stack([still, *(pulse - still for pulse in pulses)], axis=1)
-        moving, driven, constant = check.named(theta, states, self._pulses)
+        moving, driven, constant = check.values_by_name(theta, states, self._pulses)
         forms = np.zeros((len(check.limits), count + 1, count + 1))
         for limit, form in zip(check.limits, forms, strict=True):
             if limit.integral:
@@ -160,7 +162,7 @@ class LimitPenalty:
         x, pulses = np.append(1.0, levels), self._pulses[self._times]
         motion = Dual((x @ self._states)[:, :, None], self._states[:, :, 1:])
         driven = Dual((pulses @ x)[None, :, None], pulses[None, :, 1:])
-        named = self._check.named(self._theta, motion, driven)
+        named = self._check.values_by_name(self._theta, motion, driven)
         total, slope = 0.0, np.zeros(len(levels))
         for number, (limit, size) in enumerate(zip(self.limits, self._size, strict=True)):
             if limit.integral:

@@ -23,23 +23,23 @@ SIMULATED = 256  # number of samples that are moved to the ridge, divided among 
 
 
 def promise(
-    posterior: Posterior, known: PresentKnowledge, slopes: Array, rng: np.random.Generator
+    posterior: Posterior, knowledge: PresentKnowledge, slopes: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
     """Return relative sds `(k,)` of targets with `slopes (W, k, m)` given `posterior`'s record.
 
     The sds are geometric means over draws.  The second result is the information `(W, m, m)` of the
     record at each draw.
     """
-    study, space, draws = SensitivityStudy(posterior.likelihood), posterior.space, known.draws
+    study, space, draws = SensitivityStudy(posterior.likelihood), posterior.space, knowledge.draws
     rows = [study.with_nuisances(theta) for theta in draws]
     gain = np.stack([each.T @ each for each in rows])
-    path = sample_deviations(space, known, gain, rng)
+    path = sample_deviations(space, knowledge, gain, rng)
     sds = spreads(path, slopes)
     for w, theta in enumerate(draws):
         linear = path[-1, w, : max(2, SIMULATED // len(draws))]
-        points = _moved(space, np.repeat(theta[None], len(linear), axis=0), linear)
+        points = _displaced(space, np.repeat(theta[None], len(linear), axis=0), linear)
         beyond = study.changes(theta, points) - linear @ rows[w].T
-        back = np.linalg.solve(gain[w] + known.precision, rows[w].T @ beyond.T).T
+        back = np.linalg.solve(gain[w] + knowledge.precision, rows[w].T @ beyond.T).T
         # All samples give an sd with little noise; simulated samples give its correction factor.
         sds[w] *= ((linear - back) @ slopes[w].T).std(axis=0) / (linear @ slopes[w].T).std(axis=0)
     return geometric_mean(sds), gain
@@ -53,11 +53,11 @@ def information(posterior: Posterior, draws: Array) -> Array:
 
 
 def present_sds(
-    space: ParameterSpace, known: PresentKnowledge, slopes: Array, rng: np.random.Generator
+    space: ParameterSpace, knowledge: PresentKnowledge, slopes: Array, rng: np.random.Generator
 ) -> Array:
     """Return relative sds `(k,)` of targets with `slopes (W, k, m)` without a further record."""
-    nothing = np.zeros((len(slopes), *known.precision.shape))
-    return geometric_mean(spreads(sample_deviations(space, known, nothing, rng), slopes))
+    nothing = np.zeros((len(slopes), *knowledge.precision.shape))
+    return geometric_mean(spreads(sample_deviations(space, knowledge, nothing, rng), slopes))
 
 
 def spreads(path: Array, slopes: Array) -> Array:
@@ -71,24 +71,30 @@ def geometric_mean(sds: Array) -> Array:
 
 
 def sample_deviations(
-    space: ParameterSpace, known: PresentKnowledge, gain: Array, rng: np.random.Generator
+    space: ParameterSpace, knowledge: PresentKnowledge, gain: Array, rng: np.random.Generator
 ) -> Array:
     """Return deviations `(S, W, C, m)` from draws on natural scales: S steps of C chains per draw.
 
     `gain (W, m, m)` is the information of a record at each draw.
     """
-    draws, m, chains = known.draws, known.precision.shape[0], max(2, CHAINS // len(known.draws))
+    draws, m, chains = (
+        knowledge.draws,
+        knowledge.precision.shape[0],
+        max(2, CHAINS // len(knowledge.draws)),
+    )
     # Inverting the Cholesky factor, not the matrix, is accurate in directions that are known well.
-    roots = np.linalg.inv(np.linalg.cholesky(gain + known.precision))
+    roots = np.linalg.inv(np.linalg.cholesky(gain + knowledge.precision))
     bases, logs = draws.repeat(chains, axis=0), _logs(space, m)
 
     def log_weight(points: Array, here: Indices) -> Array:
         """Return log(priors / Gaussian approximation of the priors)."""
-        if known.gaussian:
+        if knowledge.gaussian:
             return np.zeros(len(points))
-        gaussian = 0.5 * ((points @ known.precision) * points).sum(axis=1)
+        gaussian = 0.5 * ((points @ knowledge.precision) * points).sum(axis=1)
         jacobian = points[:, logs].sum(axis=1)
-        return np.asarray(space.log_prior(_moved(space, bases[here], points)) + jacobian + gaussian)
+        return np.asarray(
+            space.log_prior(_displaced(space, bases[here], points)) + jacobian + gaussian
+        )
 
     steps = WARM_STEPS + KEPT_STEPS
     path = elliptical_slices(roots.repeat(chains, axis=0), log_weight, steps, rng)[WARM_STEPS:]
@@ -99,7 +105,7 @@ def _logs(space: ParameterSpace, m: int) -> Flags:
     return np.array([not unknown.signed for unknown in space.unknowns[:m]])
 
 
-def _moved(space: ParameterSpace, theta: Array, deviations: Array) -> Array:
+def _displaced(space: ParameterSpace, theta: Array, deviations: Array) -> Array:
     """Return unknowns `theta (N, D)`, moved by `deviations (N, m)` on natural scales."""
     m = deviations.shape[1]
     out, logs = theta.copy(), _logs(space, m)

@@ -38,7 +38,7 @@ class ComingExperiment:
     source: SourceLimits
 
     @classmethod
-    def like(cls, observation: Observation, source: SourceLimits) -> ComingExperiment:
+    def from_observation(cls, observation: Observation, source: SourceLimits) -> ComingExperiment:
         """Return the experiment with `source`; all other measured inputs are held at their means.
 
         A mean is added to a constant input of the same name, as in `SensitivityStudy`.
@@ -51,20 +51,20 @@ class ComingExperiment:
         experiment = dataclasses.replace(
             recorded, t=frozen(t), y=frozen(np.zeros((len(t), len(recorded.channels)))),
             constant=constant, series={name: np.zeros(len(t)) for name in model.inputs},
-            first_order=False, t_start=0.0, told=(), odd=(), held_out=None, input_steps={},
+            first_order=False, t_start=0.0, notes=(), anomalies=(), held_out=None, input_steps={},
         )  # fmt: skip
         assert observation.space is not None
         coming = observation.for_record(experiment).bind(observation.space)
         return cls(observation=coming, source=source)
 
-    def with_samples(self, seen: Flags) -> ComingExperiment:
-        """Return the experiment without the samples for which `seen (T, K)` is false.
+    def with_samples(self, is_measured: Flags) -> ComingExperiment:
+        """Return the experiment without the samples for which `is_measured (T, K)` is false.
 
         Raises `ValueError` if the noise needs every sample.
         """
         recorded, space = self.observation.experiment, self.observation.space
         assert space is not None
-        experiment = dataclasses.replace(recorded, y=frozen(np.where(seen, 0.0, np.nan)))
+        experiment = dataclasses.replace(recorded, y=frozen(np.where(is_measured, 0.0, np.nan)))
         observation = self.observation.for_record(experiment).bind(space)
         return dataclasses.replace(self, observation=observation)
 
@@ -83,16 +83,16 @@ class ComingExperiment:
         return self.observation.response.sensing.empty
 
     @cached_property
-    def _shown(self) -> Experiment:
+    def _shown_states(self) -> Experiment:
         states = self.observation.response.model.states
         return with_states(self.observation.experiment, states, alone=self._states_alone)
 
-    def _with_channels(self, shown: Array) -> Array:
-        """Return channels, then states, from the output `shown` of the simulator."""
+    def _with_channels(self, rig_states: Array) -> Array:
+        """Return channels, then states, from the output `rig_states` of the simulator."""
         if not self._states_alone:
-            return shown
+            return rig_states
         states = self.observation.response.model.states
-        return channels_first(self.observation.experiment, states, shown)
+        return channels_first(self.observation.experiment, states, rig_states)
 
     def _driven(self, experiment: Experiment, levels: Array) -> Experiment:
         added = self.source.series(levels) - experiment.constant.get(self.source.input, 0.0)
@@ -100,7 +100,7 @@ class ComingExperiment:
         return dataclasses.replace(experiment, series=series)
 
     def _simulator(self, levels: Array) -> Simulator:
-        return self.observation.response.of(self._driven(self._shown, levels))
+        return self.observation.response.of(self._driven(self._shown_states, levels))
 
     def motion(self, theta: Array, levels: Array) -> tuple[Array, Array]:
         """Return channels `(W, T, K)` and states `(W, T, X)` at `theta (W, D)`."""

@@ -71,7 +71,7 @@ def design_against(
     problem: Problem,
     rival: Problem,
     request: DesignRequest,
-    known: PresentKnowledge,
+    knowledge: PresentKnowledge,
     report: Reporter,
 ) -> ExperimentDesign:
     """Design the experiment whose record gives the largest odds against a fitted rival.
@@ -80,35 +80,35 @@ def design_against(
     """
     _check_comparable(problem, rival, request)
     ours, theirs = problem.observations[0], rival.observations[0]
-    coming = ComingExperiment.like(ours, request.source)
-    other = ComingExperiment.like(theirs, request.source)
+    coming = ComingExperiment.from_observation(ours, request.source)
+    other = ComingExperiment.from_observation(theirs, request.source)
     compared = ComparedExperiment(observation=coming.observation, source=coming.source, rival=other)
-    check = LimitCheck.between_samples(coming, request.limits, known.checked)
+    check = LimitCheck.between_samples(coming, request.limits, knowledge.checked)
     rng = seeds.stream(request.seed, "design", 1)
     start = prior_knowledge(rival, FIRST_STARTS, 0, request.seed)
     precision = np.diag(np.append(start.precision.diagonal(), LEAST_INFORMATION))
-    precision = np.tile(precision, (len(known.draws), 1, 1))
+    precision = np.tile(precision, (len(knowledge.draws), 1, 1))
     slopes = np.zeros_like(precision[:, :1])
     slopes[..., -1] = 1.0
     targets = TargetCovariance(slopes=slopes, precision=precision)
     levels = next(FAMILIES["prbs"](request.source, rng))
-    fits, designed = [start.draws] * len(known.draws), []
+    fits, designed = [start.draws] * len(knowledge.draws), []
     for number in range(ROUNDS):
 
-        def progress(share: float, number: int = number) -> None:
-            report.update(0.9 * (number + share) / ROUNDS, "search of the levels")
+        def progress(fraction: float, number: int = number) -> None:
+            report.update(0.9 * (number + fraction) / ROUNDS, "search of the levels")
 
         compared_at = coming.posterior(levels), other.posterior(levels)
-        fits = [fit[None] for fit in fitted_rivals(*compared_at, known.draws, fits)[1]]
-        theta = np.hstack([known.draws, np.concatenate(fits)])
+        fits = [fit[None] for fit in fitted_rivals(*compared_at, knowledge.draws, fits)[1]]
+        theta = np.hstack([knowledge.draws, np.concatenate(fits)])
         smooth = problem.model.smooth and rival.model.smooth
         waveforms, levels = search_levels(
-            compared, known, targets, check, request, rng, progress, smooth=smooth, theta=theta
+            compared, knowledge, targets, check, request, rng, progress, smooth=smooth, theta=theta
         )
         designed.append(levels)
 
     def log_odds(ours: Posterior, theirs: Posterior) -> float:
-        information = fitted_rivals(ours, theirs, known.draws, fits)[0]
+        information = fitted_rivals(ours, theirs, knowledge.draws, fits)[0]
         return float(np.exp(np.log(np.maximum(information, LEAST_INFORMATION)).mean()) / 2.0)
 
     def expected(levels: Array) -> float:
@@ -131,7 +131,7 @@ def design_against(
             "--tell", f"{message}, so that nothing distinguishes the two; {way_out}"
         )
     report.update(1.0, "")
-    return describe_expected(coming, request, levels[None], known, check, odds=odds)
+    return describe_expected(coming, request, levels[None], knowledge, check, odds=odds)
 
 
 def _check_comparable(problem: Problem, rival: Problem, request: DesignRequest) -> None:
@@ -159,7 +159,7 @@ def fitted_rivals(
     squares, fits = [], []
     for draw, begin in zip(draws, starts, strict=True):
         signals = ours.likelihood.all_signals(draw[None])
-        seen = [each.experiment.seen for each in theirs.likelihood.observations]
+        seen = [each.experiment.is_measured for each in theirs.likelihood.observations]
         pairs = zip(signals, seen, strict=True)
         expected = theirs.edit(records=[np.where(s, x[0], np.nan) for x, s in pairs])
         coordinates = expected.coordinates

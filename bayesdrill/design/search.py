@@ -44,7 +44,7 @@ def safe_waveform(check: LimitCheck, repair: Callable[[Array], Array]) -> Array:
     ends = source.low, source.high
     for _ in range(REFINEMENTS):
         levels = np.linspace(*ends, CONSTANTS)
-        constants = [source.within(np.full(source.count, level)) for level in levels]
+        constants = [source.nearest_levels(np.full(source.count, level)) for level in levels]
         shares = np.array([check.kept_share(each) for each in constants])
         good = np.flatnonzero(shares >= KEPT_SHARE)
         if len(good):
@@ -71,7 +71,9 @@ def usual_waveforms(
     """Return the best waveform of each family, after a move towards `safe` to keep the limits."""
     source, best = evaluation.coming.source, {}
     for name, family in FAMILIES.items():
-        allowed = [check.shorten(safe, source.within(levels)) for levels in family(source, rng)]
+        allowed = [
+            check.shorten(safe, source.nearest_levels(levels)) for levels in family(source, rng)
+        ]
         best[name] = min(allowed, key=lambda levels: value(evaluation, levels))
     return best
 
@@ -95,23 +97,23 @@ def descend(
     penalty: LimitPenalty,
     check: LimitCheck,
     safe: Array,
-    known: Mapping[str, Array],
+    waveforms: Mapping[str, Array],
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Return the best levels of descents from the best `known` waveforms and from random levels."""
+    """Return the best levels of descents from the best `waveforms` waveforms and from random levels."""
     source = evaluation.coming.source
-    ranked = sorted(known.values(), key=lambda levels: value(evaluation, levels))
+    ranked = sorted(waveforms.values(), key=lambda levels: value(evaluation, levels))
     starts = [*ranked[:2], *_random(evaluation, rng)]
     coarse = evaluation.with_first(COARSE_DRAWS), penalty.with_first(COARSE_DRAWS)
     ends = [ranked[0]]
     for number, start in enumerate(starts):
         progress(number / (len(starts) + POLISHED))
-        ends.append(check.shorten(safe, source.within(_descend(*coarse, start))))
+        ends.append(check.shorten(safe, source.nearest_levels(_descend(*coarse, start))))
     ends.sort(key=lambda levels: value(evaluation, levels))
     for number, end in enumerate(ends[:POLISHED]):
         progress((len(starts) + number) / (len(starts) + POLISHED))
-        ends.append(check.shorten(safe, source.within(_descend(evaluation, penalty, end))))
+        ends.append(check.shorten(safe, source.nearest_levels(_descend(evaluation, penalty, end))))
     return min(ends, key=lambda levels: value(evaluation, levels))
 
 
@@ -168,16 +170,16 @@ def exchange(
     evaluation: SimulatedSlopes,
     check: LimitCheck,
     safe: Array,
-    known: Mapping[str, Array],
+    waveforms: Mapping[str, Array],
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Exchange levels of the best `known` waveform, which keeps the limits; `safe` is unused.
+    """Exchange levels of the best `waveforms` waveform, which keeps the limits; `safe` is unused.
 
     In random order, each hold interval gets the best of a few levels, until no exchange helps.
     """
     source = evaluation.coming.source
-    best = min(known.values(), key=lambda levels: value(evaluation, levels))
+    best = min(waveforms.values(), key=lambda levels: value(evaluation, levels))
     height, tried = value(evaluation, best), np.linspace(source.low, source.high, EXCHANGED)
     for sweep in range(SWEEPS):
         before = height
@@ -186,7 +188,7 @@ def exchange(
             for level in tried[tried != best[k]]:
                 levels = best.copy()
                 levels[k] = level
-                if not np.array_equal(source.within(levels), levels):
+                if not np.array_equal(source.nearest_levels(levels), levels):
                     continue
                 new = value(evaluation, levels)
                 if new < height and check.kept_share(levels) >= KEPT_SHARE:

@@ -57,7 +57,7 @@ class SourceLimits:
         held = np.arange(self.count * self.samples_of_level + 1) // self.samples_of_level
         return np.asarray(levels[..., np.minimum(held, self.count - 1)])
 
-    def within(self, levels: Array) -> Array:
+    def nearest_levels(self, levels: Array) -> Array:
         """Return the nearest levels that the source can reach, each from the level before."""
         step, before, out = self.slew * self.interval, 0.0, np.clip(levels, self.low, self.high)
         if step < math.inf:

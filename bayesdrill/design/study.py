@@ -109,7 +109,7 @@ class ExperimentDesign:
 def design_experiment(
     problem: Problem,
     request: DesignRequest,
-    known: PresentKnowledge,
+    knowledge: PresentKnowledge,
     thresholds: IdentifySpec,
     report: Reporter,
 ) -> ExperimentDesign:
@@ -119,26 +119,28 @@ def design_experiment(
     """
     request.source.check()
     report.update(0.0, "responses to pulses of the input")
-    coming = ComingExperiment.like(problem.observations[0], request.source)
+    coming = ComingExperiment.from_observation(problem.observations[0], request.source)
     rng = seeds.stream(request.seed, "design", 1)
-    visibility = examine_targets(problem, coming, request.learn, known, rng)
+    visibility = examine_targets(problem, coming, request.learn, knowledge, rng)
     slopes, smooth = visibility.slopes[:, visibility.independent], problem.model.smooth
-    check = LimitCheck.between_samples(coming, request.limits, known.checked)
+    check = LimitCheck.between_samples(coming, request.limits, knowledge.checked)
     batch = list[Array]()
     usual = dict[str, Array]()
-    precision = np.tile(known.precision, (len(known.draws), 1, 1))
+    precision = np.tile(knowledge.precision, (len(knowledge.draws), 1, 1))
     chosen = TargetCovariance(slopes=slopes, precision=precision)
     for number in range(request.experiments):  # each search allows for earlier designs
 
-        def progress(share: float, number: int = number) -> None:
+        def progress(fraction: float, number: int = number) -> None:
             report.update(
-                0.1 + 0.85 * (number + share) / request.experiments, "search of the levels"
+                0.1 + 0.85 * (number + fraction) / request.experiments, "search of the levels"
             )
 
-        before = precision + (information(coming.posterior(*batch), known.draws) if batch else 0.0)
+        before = precision + (
+            information(coming.posterior(*batch), knowledge.draws) if batch else 0.0
+        )
         targets_after = TargetCovariance(slopes=slopes, precision=before)
         waveforms, levels = search_levels(
-            coming, known, targets_after, check, request, rng, progress, smooth=smooth
+            coming, knowledge, targets_after, check, request, rng, progress, smooth=smooth
         )
         usual = usual or waveforms
         batch.append(levels)
@@ -151,19 +153,23 @@ def design_experiment(
     if request.experiments > 1:
         posteriors[REPEATED] = repeated(batch[0])
     posteriors[DESIGNED] = coming.posterior(*batch)
-    targets, informations = _outlooks(visibility, known, posteriors, request.seed)
+    targets, informations = _outlooks(visibility, knowledge, posteriors, request.seed)
     _refuse_hopeless([targets[k] for k in visibility.visible], thresholds)
     report.update(1.0, "")
     criteria = {name: chosen.criterion(x)[0] for name, x in informations.items()}
     sds = np.array([target.designed for target in targets])
-    variants = variant_sds(problem.observations[0], coming, batch, known, visibility.slopes, sds)
-    design = describe_expected(coming, request, np.array(batch), known, check, targets, criteria)
+    variants = variant_sds(
+        problem.observations[0], coming, batch, knowledge, visibility.slopes, sds
+    )
+    design = describe_expected(
+        coming, request, np.array(batch), knowledge, check, targets, criteria
+    )
     return dataclasses.replace(design, variants=variants)
 
 
 def search_levels(
     coming: ComingExperiment,
-    known: PresentKnowledge,
+    knowledge: PresentKnowledge,
     targets: TargetCovariance,
     check: LimitCheck,
     request: DesignRequest,
@@ -175,14 +181,14 @@ def search_levels(
 ) -> tuple[dict[str, Array], Array]:
     """Return the usual waveforms by name, and the levels of the requested family.
 
-    The waveforms are the best for `targets` at `theta (W, D)`, by default at the draws in `known`.
+    The waveforms are the best for `targets` at `theta (W, D)`, by default at the draws in `knowledge`.
     A `smooth` rig is linear in its input.
     """
-    theta = known.draws if theta is None else theta
+    theta = knowledge.draws if theta is None else theta
     evaluation: Evaluation
     if smooth:
         evaluation = pulses = SuperposedPulses(coming, theta, targets)
-        penalty = LimitPenalty(check, known.draws)
+        penalty = LimitPenalty(check, knowledge.draws)
         repair: Callable[[Array], Array] = partial(search.least_excess, penalty)
         improve = partial(search.descend, pulses, penalty)
     else:
@@ -199,15 +205,15 @@ def describe_expected(
     coming: ComingExperiment,
     request: DesignRequest,
     levels: Array,
-    known: PresentKnowledge,
+    knowledge: PresentKnowledge,
     check: LimitCheck,
     targets: tuple[TargetOutlook, ...] = (),
     criteria: Mapping[str, float] = NOTHING,
     odds: Mapping[str, float] = NOTHING,
 ) -> ExperimentDesign:
     """Return the design with `levels (E, S)` and the expected motion."""
-    signals, _ = coming.motion(known.checked, levels[0])
-    limited = check.limited(known.checked, levels[0])
+    signals, _ = coming.motion(knowledge.checked, levels[0])
+    limited = check.limited(knowledge.checked, levels[0])
     return ExperimentDesign(
         request=request,
         levels=levels,
@@ -218,14 +224,14 @@ def describe_expected(
         bands=np.quantile(signals, BAND, axis=0),
         limited=np.quantile(limited, BAND, axis=0),
         kept=min(map(check.kept_share, levels)),
-        known_from=known.source,
-        draws=len(known.draws),
+        known_from=knowledge.source,
+        draws=len(knowledge.draws),
     )
 
 
 def _outlooks(
     visibility: TargetVisibility,
-    known: PresentKnowledge,
+    knowledge: PresentKnowledge,
     posteriors: Mapping[str, Posterior],
     seed: int,
 ) -> tuple[tuple[TargetOutlook, ...], dict[str, Array]]:
@@ -233,9 +239,9 @@ def _outlooks(
     slopes, after, informations = visibility.slopes, {}, {}
     for name, posterior in posteriors.items():
         rng = seeds.stream(seed, "design", 2)  # the same random numbers for all waveforms
-        after[name], informations[name] = promise(posterior, known, slopes, rng)
+        after[name], informations[name] = promise(posterior, knowledge, slopes, rng)
     space = posteriors[DESIGNED].space
-    now = present_sds(space, known, slopes, seeds.stream(seed, "design", 2))
+    now = present_sds(space, knowledge, slopes, seeds.stream(seed, "design", 2))
     outlooks = tuple(
         TargetOutlook(
             name=target.name,

@@ -24,7 +24,7 @@ def variant_sds(
     recorded: Observation,
     coming: ComingExperiment,
     batch: list[Array],
-    known: PresentKnowledge,
+    knowledge: PresentKnowledge,
     slopes: Array,
     sds: Array,
 ) -> dict[str, tuple[float, ...]]:
@@ -33,10 +33,10 @@ def variant_sds(
     The predicted `sds (k,)` of the `coming` experiment with levels `batch` are multiplied by ratios
     of Gaussian sds: variant / coming experiment.  `recorded` has the channels and the noise.
     """
-    covariance = TargetCovariance(slopes=slopes, precision=known.precision)
+    covariance = TargetCovariance(slopes=slopes, precision=knowledge.precision)
 
     def gaussian(posterior: Posterior) -> Array:
-        spread = covariance.covariances(information(posterior, known.draws))
+        spread = covariance.covariances(information(posterior, knowledge.draws))
         return geometric_mean(np.sqrt(spread.diagonal(axis1=1, axis2=2)))
 
     usual_sds, out = gaussian(coming.posterior(*batch)), {}
@@ -59,7 +59,7 @@ def _variants(
         return coming.with_samples(seen).posterior(*batch)
 
     def driven(other: SourceLimits, repeats: int) -> Posterior:
-        again = ComingExperiment.like(recorded, other)
+        again = ComingExperiment.from_observation(recorded, other)
         return again.posterior(*(np.tile(levels, repeats) for levels in batch))
 
     every = list(range(len(names)))

@@ -58,7 +58,7 @@ def examine_targets(
     problem: Problem,
     coming: ComingExperiment,
     learn: Sequence[str],
-    known: PresentKnowledge,
+    knowledge: PresentKnowledge,
     rng: np.random.Generator,
 ) -> TargetVisibility:
     """Examine the targets named in `learn`; without names, all products that can be determined.
@@ -68,17 +68,17 @@ def examine_targets(
     source = coming.source
     # A symmetry under random levels holds for every waveform.
     levels = source.low + (source.high - source.low) * rng.random(source.count)
-    posterior = coming.posterior(source.within(levels))
+    posterior = coming.posterior(source.nearest_levels(levels))
     sensitivity = SensitivityStudy(posterior.likelihood)
-    structure = structure_of(posterior, sensitivity, known.draws[0], rng)
+    structure = structure_of(posterior, sensitivity, knowledge.draws[0], rng)
     names = sensitivity.unknowns
-    shown = from_sensitivities(names, sensitivity.sensitivities(known.draws[0]))
+    shown = from_sensitivities(names, sensitivity.sensitivities(knowledge.draws[0]))
     known_best = invariant_products(structure, shown, sensitivity.prior_spreads[: len(names)])
     invariants = tuple(product_target(names, product.exponents) for product in known_best)
-    targets = parse_targets(problem, learn, known.draws) if learn else invariants
+    targets = parse_targets(problem, learn, knowledge.draws) if learn else invariants
     if not targets:
         raise InputError.at("--learn", "no product of the unknowns changes any channel")
-    slopes = gradients(targets, posterior.space, known.draws)
+    slopes = gradients(targets, posterior.space, knowledge.draws)
     hidden = [hidden_by(slopes[:, k], structure) for k in range(len(targets))]
     visibility = TargetVisibility(
         targets=targets,
@@ -86,7 +86,7 @@ def examine_targets(
         visible=tuple(k for k, symmetries in enumerate(hidden) if not symmetries),
         hidden_by=tuple(tuple(_moved(structure, e) for e in each) for each in hidden),
         remedies=tuple(
-            _remedies(target, symmetries, sensitivity, structure, known)
+            _remedies(target, symmetries, sensitivity, structure, knowledge)
             for target, symmetries in zip(targets, hidden, strict=True)
         ),
     )
@@ -101,7 +101,7 @@ def _remedies(
     symmetries: Sequence[Exponents],
     sensitivity: SensitivityStudy,
     structure: ScalingStructure,
-    known: PresentKnowledge,
+    knowledge: PresentKnowledge,
 ) -> tuple[tuple[str, float], ...]:
     """Return actions that break a symmetry, and the factors by which the sd of the target falls.
 
@@ -111,7 +111,7 @@ def _remedies(
     if not symmetries or not names:
         return ()
     prior_sd = sensitivity.prior_spreads[: len(structure.names)]
-    tried = remedies(sensitivity, known.draws[0], symmetries, prior_sd, names)
+    tried = remedies(sensitivity, knowledge.draws[0], symmetries, prior_sd, names)
     useful = [x for x in tried if x.breaks and x.shrink > LEAST_FALL]
     others = [x for x in useful if x.what.split(" to ")[0] != f"weigh or measure {target.name}"]
     ranked = sorted(others, key=lambda remedy: -remedy.shrink)

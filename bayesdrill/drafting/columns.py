@@ -336,22 +336,22 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
 
 
 def read_columns(
-    table: RecordTable, named: Sequence[NamedColumn] = ()
+    table: RecordTable, named_columns: Sequence[NamedColumn] = ()
 ) -> tuple[list[FileColumn], dict[str, str]]:
     """Return the columns of the most frequent length, and why other columns are not used.
 
-    With `named` columns, only these and the time are returned, with the given meanings. Raises
+    With `named_columns` columns, only these and the time are returned, with the given meanings. Raises
     `InputError` if a named column does not exist, or if the file holds several records.
     """
     columns, unused = _all_columns(table), dict(table.ignored)
-    if named:
-        picked = _pick(table, columns, named)
+    if named_columns:
+        picked = _pick(table, columns, named_columns)
         names = {column.name for column in picked}
         others = [c for c in columns if c.name not in names and len(c.values) >= MIN_SAMPLES]
         unused = {column.name: "is not named in --columns" for column in others}
         columns = picked
     _refuse_stillness(table, columns)
-    if not named:
+    if not named_columns:
         _refuse_several_records(table, columns)
         columns = _named_by_file(table, columns)
     lengths = Counter(len(c.values) for c in columns if len(c.values) >= MIN_SAMPLES)
@@ -369,7 +369,7 @@ def _all_columns(table: RecordTable) -> list[FileColumn]:
     columns = []
     for position, (name, values) in enumerate(table.variables.items(), start=1):
         if values.ndim == 1:
-            number = _number(table, name, position)
+            number = _column_number(table, name, position)
             address: dict[str, str | int] = {"column": number or name}
             head = table.labels.get(name, "" if number else name)
             meaning = _meaning(head, table.units.get(name, ""))
@@ -384,11 +384,11 @@ def _all_columns(table: RecordTable) -> list[FileColumn]:
 
 
 def _pick(
-    table: RecordTable, columns: Sequence[FileColumn], named: Sequence[NamedColumn]
+    table: RecordTable, columns: Sequence[FileColumn], named_columns: Sequence[NamedColumn]
 ) -> list[FileColumn]:
     """Return the time of the named columns, then these columns with their given meanings."""
     picked = []
-    for name in named:
+    for name in named_columns:
         number = table.lines is not None and name.variable.isdecimal()
         column = name.column or (int(name.variable) if number else name.variable)
         variable = name.variable if name.column else None
@@ -509,7 +509,7 @@ def _meaning(name: str, unit_below: str) -> Meaning:
     )
 
 
-def _number(table: RecordTable, name: str, position: int) -> int | None:
+def _column_number(table: RecordTable, name: str, position: int) -> int | None:
     """Return a column's number if a text table has no unique header for the column; else None."""
     if table.lines is None:
         return None

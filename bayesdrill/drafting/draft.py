@@ -305,7 +305,7 @@ class Guess:
 def guess(
     paths: Sequence[Path],
     target: Path,
-    given: GivenFacts,
+    facts: GivenFacts,
     sheet: Source | None = None,
     describe: Callable[[Iterable[Finding]], Sequence[str]] = lambda findings: (),
 ) -> Guess:
@@ -313,17 +313,17 @@ def guess(
 
     `sheet` is a data sheet, and `describe` turns findings on the record into sentences.
     """
-    records, lead = record_files.read_records(paths, given)
+    records, lead = record_files.read_records(paths, facts)
     pairs = [(record.roles, record.segment.dt) for record in records]
     hints = [hint for pair in pairs for hint in roles.find_lags(*pair)]
     clearest = min(hints, key=lambda lag: lag.residual / lag.baseline, default=None)
-    starts = {record.label: _start(record, given.voltage) for record in records}
-    context = DraftContext(records, lead, starts, clearest, given.voltage, target.parent)
+    starts = {record.label: _start(record, facts.voltage) for record in records}
+    context = DraftContext(records, lead, starts, clearest, facts.voltage, target.parent)
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", target.stem).lstrip("_.-")[:100] or "my_rig"
     values: Mapping[str, Any] = {} if sheet is None else sheet.data
     text = config_text(context, name, values)
     asks, problem = _asks(text, target, paths[0], sheet)
-    voltage = () if given.voltage is None else ("v",)
+    voltage = () if facts.voltage is None else ("v",)
     findings = _findings(problem, describe, {"", *lead.roles.inputs, *voltage})
     tied = _same_constants(problem, values)
     if findings or tied:

@@ -131,7 +131,7 @@ def address(column: FileColumn) -> str:
 
 def sensor_comments(sensor: Sensor, indent: int) -> list[str]:
     """Write the comments above a sensor's entry: its reasons and its doubts."""
-    known = [line for why in sensor.why for line in comment(why, indent)]
+    known = [line for why in sensor.reasons for line in comment(why, indent)]
     return [*known, *review(sensor.doubts, indent)]
 
 
@@ -149,7 +149,7 @@ def _time(context: DraftContext) -> list[str]:
         return lines
     texts = [clocks.describe_times(clocks.on_grid(record.segment.t)) for record in context.records]
     uneven = [text for text in texts if "missing in" in text or "unequal" in text]
-    text = f"{time.rate:.6g} samples a second" + (f", {time.why}" if time.why else "")
+    text = f"{time.rate:.6g} samples a second" + (f", {time.reason}" if time.reason else "")
     if uneven:
         text = f"{uneven[0]}; these times are used without resampling"
     return [*comment(text, 2), *lines]
@@ -251,7 +251,7 @@ def input_lines(context: DraftContext) -> list[str]:
     after = max(start.max_delay for start in starts) * step
     doubt = "the time at which inputs act is an unknown: it is known to one sample at best, and "
     doubt += "half a sample shifts inertias by many standard deviations"
-    if dead := max(start.dead for start in starts):
+    if dead := max(start.dead_samples for start in starts):
         doubt += f". The speed follows about {1e3 * dead * step:.3g} ms late. `bayesdrill map` "
         doubt += "says whether a delay and a time constant can be distinguished"
     entry = f"  t_0: {{prior: uniform, low: {-step:.4g}, high: {after:.4g}}}    # s"

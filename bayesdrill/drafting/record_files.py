@@ -33,7 +33,7 @@ class GivenFacts:
     voltage: float | None = None
     rate: float = 0.0
     columns: tuple[NamedColumn, ...] = ()
-    split: bool = False  # a new record begins where times go back
+    has_several: bool = False  # a new record begins where times go back
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,11 +67,11 @@ class RecordFile:
         return self.companions[sensor.column.file - 1] if sensor.column.file else self
 
 
-def examine(path: Path, given: GivenFacts) -> list[RecordFile]:
+def examine(path: Path, facts: GivenFacts) -> list[RecordFile]:
     """Identify the records of one file; raises `InputError` if it has no usable columns."""
     output_files.check_file(path, output_files.LARGEST_GUESSED)
     reader = FORMATS[format_of(path)]
-    named = [column for column in given.columns if column.file in ("", path.name)]
+    named = [column for column in facts.columns if column.file in ("", path.name)]
     table = reader.read(path, reader.options(), None)
     columns, unused = read_columns(table, named)
     if not columns:
@@ -80,25 +80,25 @@ def examine(path: Path, given: GivenFacts) -> list[RecordFile]:
         output_files.check_guessed(len(columns[0].values), len(columns))
     except ValueError as error:
         raise InputError.at(str(path), str(error)) from None
-    time = signals.find_time(columns, sensors.infer_rate(columns), given.rate)
-    parts, records = _parts(time.t), list[RecordFile]()
-    if not given.split or not parts:
+    time = signals.find_time(columns, sensors.infer_rate(columns), facts.rate)
+    parts, records = _increasing_parts(time.t), list[RecordFile]()
+    if not facts.has_several or not parts:
         for (first, last), (begin, _) in itertools.pairwise(parts):
             if time.t[begin] < time.t[(first + last) // 2]:  # times restart
                 back = f"{table.where(begin)} ({time.t[last - 1]:.6g} s to {time.t[begin]:.6g} s)"
                 message = f"time goes back at {back}: {len(parts)} records in one file? "
                 raise InputError.at(str(path), message + "Use --split for an experiment of each")
-        return [_understand(path, columns, time, unused, given)]
+        return [_understand(path, columns, time, unused, facts)]
     for begin, end in parts:
         cut = [dataclasses.replace(column, values=column.values[begin:end]) for column in columns]
         clock = None if time.column is None else cut[columns.index(time.column)]
         timing = dataclasses.replace(time, t=time.t[begin:end], column=clock)
-        record = _understand(path, cut, timing, unused, given)
+        record = _understand(path, cut, timing, unused, facts)
         records.append(dataclasses.replace(record, rows=table.numbers[[begin, end - 1]].tolist()))
     return records
 
 
-def _parts(t: Array) -> list[tuple[int, int]]:
+def _increasing_parts(t: Array) -> list[tuple[int, int]]:
     """Return begin and end of each part of increasing times with at least `MIN_SAMPLES`."""
     edges = [0, *(np.flatnonzero(np.diff(t) <= 0) + 1).tolist(), len(t)]
     return [pair for pair in itertools.pairwise(edges) if pair[1] - pair[0] >= MIN_SAMPLES]
@@ -109,20 +109,20 @@ def _understand(
     columns: Sequence[FileColumn],
     time: Timing,
     unused: dict[str, str],
-    given: GivenFacts,
+    facts: GivenFacts,
 ) -> RecordFile:
     others = [column for column in columns if column is not time.column]
     segment = _segment(path, time, [c for c in others if c.meaning.kind], unused)
     known, unusable_columns = sensors.identify_sensors(others, segment)
-    if trains.is_train(known, given.rig):
+    if trains.is_train(known, facts.rig):
         try:
             assigned = trains.assign_train(known, segment.dt)
         except InputError as error:
             message = f"these names give no train: {error}. Rename its inertias"
             raise InputError.at("--columns", message) from None
     else:
-        voltage = given.voltage is not None
-        assigned = roles.assign_roles(known, segment.dt, given.rig, given.gear, voltage=voltage)
+        voltage = facts.voltage is not None
+        assigned = roles.assign_roles(known, segment.dt, facts.rig, facts.gear, voltage=voltage)
     unused = unused | unusable_columns | assigned.unused
     return RecordFile(path, columns, time, segment, assigned, unused)
 
@@ -166,8 +166,8 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
         if not new.varies and sensor.kind not in ("voltage", "torque"):
             message = f"column {sensor.name} is {new.raw.x[0]:g} in every row. Leave this file out"
             raise InputError.at(str(file.path), message)
-        why, doubts = sensor.why, sensor.doubts
-        return dataclasses.replace(new, location=sensor.location, why=why, doubts=doubts)
+        why, doubts = sensor.reasons, sensor.doubts
+        return dataclasses.replace(new, location=sensor.location, reasons=why, doubts=doubts)
 
     assigned = lead.roles.with_sensors(as_in_lead)
     changes: dict[str, Any] = {"segment": segment, "roles": assigned, "unused": lead.unused}
@@ -175,15 +175,15 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
 
 
 def read_records(
-    paths: Sequence[Path], given: GivenFacts
+    paths: Sequence[Path], facts: GivenFacts
 ) -> tuple[tuple[RecordFile, ...], RecordFile]:
     """Return the records, identified like their lead, and the lead; raises `InputError`."""
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:
             raise InputError.at(str(path), "is given twice. Give each file once")
-    examined = collect_each(lambda path: examine(path, given), paths)
+    examined = collect_each(lambda path: examine(path, facts), paths)
     kinds = _by_kind([*itertools.chain(*examined)])
-    records = _join_kinds(kinds, given) if len(kinds) > 1 else kinds[0]
+    records = _join_kinds(kinds, facts) if len(kinds) > 1 else kinds[0]
     collect_each(_refuse_without_channels, records)
     lead = min(records, key=lambda record: record.uncertainty)
     identified = collect_each(lambda r: r if r is lead else with_roles_of(lead, r), records)
@@ -212,7 +212,7 @@ def _by_kind(files: Sequence[RecordFile]) -> list[list[RecordFile]]:
     return kinds
 
 
-def _join_kinds(kinds: Sequence[Sequence[RecordFile]], given: GivenFacts) -> list[RecordFile]:
+def _join_kinds(kinds: Sequence[Sequence[RecordFile]], facts: GivenFacts) -> list[RecordFile]:
     """Return records, each of which joins one file of every kind."""
     firsts, *others = kinds
     leads = [kind[0].roles for kind in kinds]
@@ -230,14 +230,14 @@ def _join_kinds(kinds: Sequence[Sequence[RecordFile]], given: GivenFacts) -> lis
             "record, with names that begin alike (slow.csv, slow_v.csv). Or write a config for each"
         )
         raise InputError.at(str(firsts[0].path), message)
-    return [_join(first, companions, given) for first, companions in pairs]
+    return [_join(first, companions, facts) for first, companions in pairs]
 
 
 def _nearest(file: RecordFile, kind: Sequence[RecordFile]) -> RecordFile:
     return max(kind, key=lambda other: _common_length([file.path.stem, other.path.stem]))
 
 
-def _join(first: RecordFile, companions: Sequence[RecordFile], given: GivenFacts) -> RecordFile:
+def _join(first: RecordFile, companions: Sequence[RecordFile], facts: GivenFacts) -> RecordFile:
     """Return the record of several files, with all columns at the times of the first file."""
     columns, t = [*first.columns], first.time.t
     for k, other in enumerate(companions, start=1):
@@ -254,9 +254,9 @@ def _join(first: RecordFile, companions: Sequence[RecordFile], given: GivenFacts
             )
         for column in other.columns:
             if column is not other.time.column:
-                name, x = f"{column.name} of {other.path.name}", _at(t, other, column)
+                name, x = f"{column.name} of {other.path.name}", _interpolated(t, other, column)
                 columns.append(dataclasses.replace(column, name=name, file=k, values=x))
-    record = _understand(first.path, columns, first.time, {}, given)
+    record = _understand(first.path, columns, first.time, {}, facts)
     return _on_own_clocks(dataclasses.replace(record, companions=tuple(companions)))
 
 
@@ -275,7 +275,7 @@ def _on_own_clocks(record: RecordFile) -> RecordFile:
     return dataclasses.replace(record, roles=record.roles.with_sensors(on_own_clock))
 
 
-def _at(t: Array, file: RecordFile, column: FileColumn) -> Array:
+def _interpolated(t: Array, file: RecordFile, column: FileColumn) -> Array:
     """Return a column of another file, interpolated at `t (T,)`; NaN outside that file's times."""
     if np.array_equal(t, file.time.t):
         return column.values

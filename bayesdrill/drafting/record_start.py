@@ -32,7 +32,7 @@ class StartGuess:
     window: str
     zero_sds: Mapping[str, float]  # prior sds of offsets, for angles at rest but not at zero
     max_delay: float  # largest delay of an input, in samples
-    dead: int  # delay from an input to a speed, in samples; 0 if unclear
+    dead_samples: int  # delay from an input to a speed, in samples; 0 if unclear
     rest_end: float  # time of the first motion [s]; NaN if it is at the start
     window_doubt: str
     doubts: tuple[str, ...]
@@ -49,7 +49,7 @@ def guess_start(
     if measured and inputs_begin is not None and inputs_begin > t[0]:
         t = t[t >= inputs_begin]
         begin, why = float(t[0]), "the window begins at the first sample of the inputs"
-    moving, rest = _moves(roles), _onset(roles)
+    moving, rest = _is_moving(roles), _onset(roles)
     dead, max_delay = _dead_time(roles) if measured else (0, 1.0)
     if roles.train is not None:
         free, reason = (
@@ -151,16 +151,16 @@ def _start_angle(roles: SensorRoles, state: str) -> str:
     return "" if upper or rotor else "theta_2: 0"  # any angle fits: only the twist matters
 
 
-def _moves(roles: SensorRoles) -> bool:
+def _is_moving(roles: SensorRoles) -> bool:
     """Return whether a speed is clearly not zero at first; if no speed is known, an angle grows."""
     turning = [c.sensor for c in roles.channels if c.sensor.kind in TURNS and not c.derived]
     if speeds := [sensor for sensor in turning if sensor.kind == "speed"]:
         return any(_first_value(sensor)[1] for sensor in speeds)
     whole = [sensor for sensor in turning if sensor.location != TWIST]
-    return any(map(_grows, whole or turning))
+    return any(map(_is_growing, whole or turning))
 
 
-def _grows(sensor: Sensor) -> bool:
+def _is_growing(sensor: Sensor) -> bool:
     """Return whether an angle clearly changes from the first sample on, not only later."""
     if len(sensor.raw.x) < FIRST_SAMPLES:
         return False

@@ -133,7 +133,7 @@ def _inputs(
             rig = with_named(rig, (m.back_emf, m.torque_constant, m.resistance, m.inductance))
     if "v" in rig.inputs and voltages:
         voltages.sort(key=_voltage_rank)
-        inputs["v"] = _first(voltages, "voltage", unused)
+        inputs["v"] = _first_sensor(voltages, "voltage", unused)
         if others := ", ".join(s.name for s in voltages[1:] if not s.column.meaning.is_setpoint):
             doubt = f"{others} may be the voltage as well: this column has the clearest name"
             inputs["v"] = inputs["v"].revised(doubt=doubt)
@@ -143,7 +143,7 @@ def _inputs(
         unused |= dict.fromkeys(unlocated, why)
         if loads := [torque for torque in torques if torque.location == ROTOR]:
             doubt = "taken as the load on rotor 1; it acts against positive speed: check its sign"
-            inputs["t_1"] = _first(loads, "load", unused).revised(doubt=doubt)
+            inputs["t_1"] = _first_sensor(loads, "load", unused).revised(doubt=doubt)
     if "w_2" in rig.inputs:
         imposed = [channels.pop(name) for name in IMPOSED if name in channels]
         for channel in imposed[1:]:
@@ -166,7 +166,7 @@ def _voltage_rank(voltage: Sensor) -> tuple[bool, bool, int]:
     return meaning.is_setpoint, voltage.location != MOTOR, by_name.index(True)
 
 
-def _first(sensors: Sequence[Sensor], what: str, unused: dict[str, str]) -> Sensor:
+def _first_sensor(sensors: Sequence[Sensor], what: str, unused: dict[str, str]) -> Sensor:
     for sensor in sensors[1:]:
         why = f"is not needed: the {what} is taken from {sensors[0].name}"
         if what == "voltage" and len(sensor.column.meaning.kind_word) == 1:

@@ -33,7 +33,7 @@ class Timing:
     t: Array
     column: FileColumn | None
     unit: str
-    why: str
+    reason: str
     doubt: str = ""
 
     @property
@@ -278,7 +278,7 @@ class Sensor:
     location: str
     unit: str
     raw: RawSamples
-    why: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     guessed: bool = False  # the unit follows only from magnitude or words
 
@@ -312,7 +312,7 @@ class Sensor:
         """Return a copy with an additional reason or doubt, and with changed fields."""
         return dataclasses.replace(
             self,
-            why=(*self.why, why) if why else self.why,
+            reasons=(*self.reasons, why) if why else self.reasons,
             doubts=(*self.doubts, doubt) if doubt else self.doubts,
             **changes,
         )
@@ -432,13 +432,13 @@ def _why_unusable(column: FileColumn, rows: slice) -> str:
     return next((why for wrong, why in checks if wrong), "")
 
 
-def reverses(sensor: Sensor, share: float = REVERSAL_RATIO) -> bool:
-    """Return whether a drive or motion reverses: smaller / larger extent about zero > `share`."""
+def reverses(sensor: Sensor, min_ratio: float = REVERSAL_RATIO) -> bool:
+    """Return whether a drive or motion reverses: smaller / larger extent about zero > `min_ratio`."""
     x, stride = sensor.raw.x, max(1, len(sensor.raw.x) // 200)
     if sensor.kind in ("angle", "position"):
         x = x[stride:] - x[:-stride]
     low, high = np.percentile(x, [2, 98])
-    return bool(min(-low, high) > share * max(-low, high))
+    return bool(min(-low, high) > min_ratio * max(-low, high))
 
 
 def dead_samples(

@@ -33,9 +33,9 @@ DEPTH = 40.0  # in log density: a maximum this far below the highest has no mass
 Compressions = Mapping[str, Compression]  # keys are labels of observations
 
 
-def is_long(observation: Observation, shortest: int = COMPRESSED_FROM) -> bool:
-    """Return whether a record has more than `shortest` samples and can be compressed."""
-    return len(observation.experiment.t) > shortest and not observation.exact_reason
+def is_long(observation: Observation, max_exact: int = COMPRESSED_FROM) -> bool:
+    """Return whether a record has more than `max_exact` samples and can be compressed."""
+    return len(observation.experiment.t) > max_exact and not observation.exact_reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,13 +86,15 @@ def excerpt(posterior: Posterior, samples: int = EXCERPT) -> Posterior | None:
     return replace(posterior, likelihood=Likelihood(short, posterior.space))
 
 
-def longer_excerpt(posterior: Posterior, short: Posterior, known: Compressions) -> Posterior | None:
-    """Return an excerpt longer than `short`, or None.
+def longer_excerpt(
+    posterior: Posterior, previous: Posterior, compressions: Compressions
+) -> Posterior | None:
+    """Return an excerpt longer than `previous`, or None.
 
-    None means that no record is longer, or that compressions of all long records are `known`.
+    None means that no record is longer, or that compressions of all long records are `compressions`.
     """
-    pairs = zip(posterior.likelihood.observations, short.likelihood.observations, strict=True)
-    parts = [part for each, part in pairs if is_long(each) and each.label not in known]
+    pairs = zip(posterior.likelihood.observations, previous.likelihood.observations, strict=True)
+    parts = [part for each, part in pairs if is_long(each) and each.label not in compressions]
     unknown = [len(part.experiment.t) for part in parts]
     return excerpt(posterior, GROWTH * max(unknown)) if unknown else None
 
@@ -104,7 +106,7 @@ def first_samples(observation: Observation, samples: int) -> Observation:
     return observation.for_record(observation.experiment.first(samples))
 
 
-def nearby(posterior: Posterior, maxima: Array) -> Array:
+def points_about(posterior: Posterior, maxima: Array) -> Array:
     """Return physical points `(n, D)` about maxima `(M, D)`, with sds of up to 8 posterior sds."""
     parts = []
     for theta in maxima:
@@ -120,7 +122,7 @@ def nearby(posterior: Posterior, maxima: Array) -> Array:
 
 
 def compressions(
-    posterior: Posterior, points: Array, shortest: int = COMPRESSED_FROM, *, strict: bool = False
+    posterior: Posterior, points: Array, max_exact: int = COMPRESSED_FROM, *, strict: bool = False
 ) -> dict[str, Compression]:
     """Compress long records for parameters at `points (n, D)`; the first point is the reference.
 
@@ -128,7 +130,7 @@ def compressions(
     """
     full, made = posterior.space.full(points), {}
     for observation in posterior.likelihood.observations:
-        if is_long(observation, shortest):
+        if is_long(observation, max_exact):
             variances = observation.scales(points).min(axis=0) ** 2
             weights = observation.square_weights(points)
             assert weights is not None  # `is_long` requires weights of squares
@@ -137,7 +139,7 @@ def compressions(
                 made[observation.label] = compress(observation.response, rigs, variances, limits)
             except CompressionError as error:
                 if strict:
-                    message = f"{observation.entitled('the record')}: {error}"
+                    message = f"{observation.title('the record')}: {error}"
                     raise CompressionError(message) from None
     return made
 
@@ -147,13 +149,13 @@ def uncompressed(posterior: Posterior) -> Posterior:
     return posterior.with_simulators(lambda old: old.response.by_samples)
 
 
-def compressed(posterior: Posterior, known: Compressions) -> Posterior:
-    """Return the posterior with `known` compressions; without any, the posterior itself."""
-    if not known:
+def compressed(posterior: Posterior, compressions: Compressions) -> Posterior:
+    """Return the posterior with `compressions` compressions; without any, the posterior itself."""
+    if not compressions:
         return posterior
 
     def simulator_of(observation: Observation) -> Simulator:
-        compression, response = known.get(observation.label), observation.response
+        compression, response = compressions.get(observation.label), observation.response
         return response if compression is None else compression.applied(response)
 
     return posterior.with_simulators(simulator_of)

@@ -79,12 +79,12 @@ def _motion(observation: Observation) -> Callable[[Array], Array] | None:
     inputs = {name: experiment.constant.get(name, 0.0) for name in model.inputs}
     for name, series in experiment.series.items():
         u = series[stride]
-        inputs[name] = _middle(u) if experiment.first_order else u[:-1]
+        inputs[name] = _midpoints(u) if experiment.first_order else u[:-1]
     kinematics = _kinematics(model)
     measured = _states(model, kinematics, experiment, stride, inputs)
     if len(measured) < len(model.states) or len(t) < 2 * MIN_BUMP_SAMPLES:
         return None
-    states = {name: _middle(x) for name, x in measured.items()}
+    states = {name: _midpoints(x) for name, x in measured.items()}
     bumps, slopes = _bumps(t)
     left = {row: -slopes @ states[row] for row in model.states if row not in kinematics}
 
@@ -138,7 +138,7 @@ def _states(
     give further states: angles are integrated from zero, and speeds are derivatives of angles.
     """
     t, states = experiment.t[stride], dict[str, Array]()
-    columns = zip(experiment.channels, experiment.y.T, experiment.seen.T, strict=True)
+    columns = zip(experiment.channels, experiment.y.T, experiment.is_measured.T, strict=True)
     channels = [
         (channel.weights, np.interp(t, experiment.t[seen], y[seen]))
         for channel, y, seen in columns
@@ -152,7 +152,7 @@ def _states(
                 states[missing[0]] = (y - known_part) / weights[missing[0]]
         for angle, row in kinematics.items():
             if angle not in states and all(name in {**states, **inputs} for name in row):
-                acting = {**inputs, **{name: _middle(x) for name, x in states.items()}}
+                acting = {**inputs, **{name: _midpoints(x) for name, x in states.items()}}
                 rate = sum(factor * acting[name] for name, factor in row.items())
                 states[angle] = np.concatenate([[0.0], np.cumsum(rate * np.diff(t))])
             speeds = [name for name in row if name in model.states and name not in states]
@@ -161,7 +161,7 @@ def _states(
     return states
 
 
-def _middle(x: Array) -> Array:
+def _midpoints(x: Array) -> Array:
     """Return the mean `(T - 1,)` of the values at both ends of each step."""
     return np.asarray(0.5 * (x[1:] + x[:-1]))
 
@@ -172,7 +172,7 @@ def _bumps(t: Array) -> tuple[Any, Any]:
     Bumps are whole periods of a sine, and overlap their neighbours by half.  If the shortest bumps
     have many samples, they get more periods to resolve faster oscillations.
     """
-    bumps, slopes, middle = [], [], _middle(t)
+    bumps, slopes, middle = [], [], _midpoints(t)
     for count in BUMP_COUNTS:
         width = (t[-1] - t[0]) * 2 / (count + 1)
         if width * len(t) < MIN_BUMP_SAMPLES * (t[-1] - t[0]):

@@ -61,7 +61,7 @@ def sandwich(posterior: Posterior, theta: Array) -> Array:
     prior = np.diag([natural_sd(unknown) ** -2.0 for unknown in posterior.space.unknowns])
     middle = prior.copy()
     for observation, shifts in zip(posterior.likelihood.observations, slopes, strict=True):
-        scores = np.where(observation.experiment.seen, observation.scores(at, shifts), 0.0)
+        scores = np.where(observation.experiment.is_measured, observation.scores(at, shifts), 0.0)
         middle += long_run_variance(scores.sum(axis=2).T)
     bread = np.linalg.inv(rows.T @ rows + prior)
     return np.asarray(bread @ middle @ bread)
@@ -195,7 +195,7 @@ class LogDensity:
         self.posterior = posterior
         self.physical = physical
         self._priors = tuple(posterior.space.priors.values())
-        bounds = np.array([_ends(unknown) for unknown in posterior.space.unknowns]).T
+        bounds = np.array([_search_limits(unknown) for unknown in posterior.space.unknowns]).T
         low, high = posterior.coordinates.from_physical(bounds)
         shares = (np.arange(N_QUANTILES) + 0.5) / N_QUANTILES
         quantiles = np.stack([prior.quantile(shares) for prior in self._priors], axis=-1)
@@ -212,7 +212,7 @@ class LogDensity:
             return self.posterior.density(self.posterior.coordinates.to_physical(u))
         return self.posterior(u)
 
-    def inside(self, u: Array) -> Flags:
+    def in_support(self, u: Array) -> Flags:
         """Return whether the prior density at `u (W, D)` is not zero, `(W,)`."""
         return self.posterior.supports(u)
 
@@ -269,7 +269,7 @@ class LogDensity:
         return slope, curvature
 
 
-def _ends(unknown: Unknown) -> tuple[float, float]:
+def _search_limits(unknown: Unknown) -> tuple[float, float]:
     """Return the ends of the search for an unknown: those of its support, or just inside."""
     prior = unknown.prior
     if unknown.between is not None:

@@ -106,7 +106,7 @@ class Observation:
         """Return the channels without noise and without a missing torque, `(W, T, K)`."""
         return self.response.signals(self.simulator_parameters(full))
 
-    def entitled(self, quantity: str) -> str:
+    def title(self, quantity: str) -> str:
         """Return a phrase such as `record of slow`; the quantity alone if there is one experiment."""
         return f"{quantity} of {self.label}" if self.label else quantity
 
@@ -122,21 +122,25 @@ class Observation:
         samples = self.whiten(self.residuals(full).samples, theta)
         return np.asarray(np.nansum(samples**2, axis=1))
 
-    def signal_slopes(self, at: Directions) -> Array:
+    def signal_slopes(self, directions: Directions) -> Array:
         """Return slopes `(q, T, K)` of the signals along the directions, at one point."""
-        if at.parameter_directions is None:
-            return np.zeros((at.columns.shape[1], *self.experiment.y.shape))
-        along = self.simulator_parameters(at.parameter_directions)
-        return np.asarray(self.response.sensitivities(self.simulator_parameters(at.full), along)[0])
+        if directions.parameter_directions is None:
+            return np.zeros((directions.columns.shape[1], *self.experiment.y.shape))
+        along = self.simulator_parameters(directions.parameter_directions)
+        return np.asarray(
+            self.response.sensitivities(self.simulator_parameters(directions.full), along)[0]
+        )
 
-    def scores(self, at: Directions, slopes: Array) -> Array:
+    def scores(self, directions: Directions, slopes: Array) -> Array:
         """Return slopes `(q, T, K)` of `pointwise` along the directions, at one point.
 
         The argument `slopes (q, T, K)` has the slopes of the signals.
         """
         count = len(slopes)
-        unknowns = Dual(at.theta.repeat(count, axis=0), at.slopes * at.columns.T)
-        residuals = Dual(self.residuals(at.full).samples.repeat(count, axis=0), -slopes)
+        unknowns = Dual(
+            directions.theta.repeat(count, axis=0), directions.slopes * directions.columns.T
+        )
+        residuals = Dual(self.residuals(directions.full).samples.repeat(count, axis=0), -slopes)
         return np.asarray(self.pointwise(residuals, unknowns).slope)
 
     def whitened_jacobian_at(self, shifts: Array, theta: Array) -> Array:
@@ -144,7 +148,7 @@ class Observation:
 
         They are zero where nothing was measured, and their squares sum to the Fisher information.
         """
-        measured_shifts = np.where(self.experiment.seen, shifts, 0.0)
+        measured_shifts = np.where(self.experiment.is_measured, shifts, 0.0)
         return self.whitened_jacobian(measured_shifts, np.repeat(theta[None], len(shifts), axis=0))
 
     def with_simulator(self, response: Simulator, parameters: Sequence[str]) -> Self:
@@ -168,7 +172,7 @@ class Observation:
         Raises `ValueError` if the noise needs every sample.
         """
         t = experiment.t
-        noise = noise_for_record(self.noise.for_length(len(t)), t, experiment.seen)
+        noise = noise_for_record(self.noise.for_length(len(t)), t, experiment.is_measured)
         other = dataclasses.replace(self, noise=noise)
         return other.with_simulator(self.response.of(experiment), self.parameters)
 
@@ -233,15 +237,23 @@ class Observation:
         """Return whitened shifts `(W, T, K)`; see `Noise.whitened_jacobian`."""
         return self.noise.whitened_jacobian(shifts, theta[:, self.noise_columns])
 
-    def quadratic_terms(self, at: Directions) -> Iterator[tuple[Array, Array]]:
+    def quadratic_terms(self, directions: Directions) -> Iterator[tuple[Array, Array]]:
         """Yield slopes `(W, q)` and curvatures `(W, q, q)` that sum to those of log L."""
-        residuals, noise_theta = self.residuals(at.full), at.theta[:, self.noise_columns]
-        if at.parameter_directions is not None:
-            along = at.parameter_directions
-            residuals, slope, curvature = self._slopes_of_signals(at.full, along, noise_theta)
+        residuals, noise_theta = (
+            self.residuals(directions.full),
+            directions.theta[:, self.noise_columns],
+        )
+        if directions.parameter_directions is not None:
+            along = directions.parameter_directions
+            residuals, slope, curvature = self._slopes_of_signals(
+                directions.full, along, noise_theta
+            )
             yield slope, curvature
         if self.noise.unknowns:
-            levels, owned = at.by_log[:, self.noise_columns], at.columns[self.noise_columns]
+            levels, owned = (
+                directions.by_log[:, self.noise_columns],
+                directions.columns[self.noise_columns],
+            )
             pulled, bent = self.noise.noise_score(residuals, noise_theta)
             if bent.ndim == levels.ndim:
                 curvature = directional_curvature(owned, bent * levels**2)
@@ -250,20 +262,20 @@ class Observation:
             yield directional_slope(levels * pulled, owned), curvature
 
     def _slopes_of_signals(
-        self, full: Array, along: Array, noise_theta: Array
+        self, full: Array, parameter_directions: Array, noise_theta: Array
     ) -> tuple[SimulatorResiduals, Array, Array]:
-        """Return residuals, slope `(W, q)` and curvature `(W, q, q)` along `along (W, q, P)`."""
-        residuals, turned = self.residuals(full), self.simulator_parameters(along)
+        """Return residuals, slope `(W, q)` and curvature `(W, q, q)` along `parameter_directions`."""
+        residuals, turned = self.residuals(full), self.simulator_parameters(parameter_directions)
         weights = self.noise.square_weights(noise_theta)
         if weights is not None:
             squares, slope, curvature = self.response.normal(residuals.full, turned, weights)
             return SimulatorResiduals(self.response, residuals.full, squares), slope, curvature
-        measured = self.experiment.seen
+        measured = self.experiment.is_measured
         slopes = self.response.sensitivities(residuals.full, turned)
         shifts = np.where(measured, slopes, 0.0)  # (W, q, T, K)
         pull = np.where(measured, self.noise.score(residuals.samples, noise_theta), 0.0)
         slope = np.einsum("wqtk,wtk->wq", shifts, pull)
-        directions = range(along.shape[1])
+        directions = range(parameter_directions.shape[1])
         rows = [self.noise.whitened_jacobian(shifts[:, q], noise_theta) for q in directions]
         flat = np.stack(rows, axis=1).reshape(*shifts.shape[:2], -1)
         return residuals, slope, flat @ flat.swapaxes(1, 2)
@@ -440,35 +452,38 @@ class LatentTorqueObservation(Observation):
 
     # Slopes.
 
-    def quadratic_terms(self, at: Directions) -> Iterator[tuple[Array, Array]]:
+    def quadratic_terms(self, directions: Directions) -> Iterator[tuple[Array, Array]]:
         """Yield one slope and curvature of all unknowns, as the covariance depends on the rig, too."""
-        moved, kernel_arguments = self._moved(at), self._kernel_arguments(at.theta, at.full)
+        moved, kernel_arguments = (
+            self._argument_slopes(directions),
+            self._kernel_arguments(directions.theta, directions.full),
+        )
         turned = moved[..., len(self.unknowns) :]
-        signals, shifts = self.response.course(self.simulator_parameters(at.full), turned)
+        signals, shifts = self.response.course(self.simulator_parameters(directions.full), turned)
         residuals = np.nan_to_num(self.experiment.y - signals)
         yield self._slopes(residuals, -shifts, kernel_arguments, moved)
 
-    def _moved(self, at: Directions) -> Array:
+    def _argument_slopes(self, directions: Directions) -> Array:
         """Return slopes of the kernels' arguments `(W, q, n + P)` along the directions."""
-        levels = (at.slopes[:, None, :] * at.columns.T)[..., self.noise_columns]
-        along = at.parameter_directions
+        levels = (directions.slopes[:, None, :] * directions.columns.T)[..., self.noise_columns]
+        along = directions.parameter_directions
         if along is None:
-            along = np.zeros((*levels.shape[:2], at.full.shape[1]))
+            along = np.zeros((*levels.shape[:2], directions.full.shape[1]))
         return np.concatenate([levels, self.simulator_parameters(along)], axis=-1)
 
     def _slopes(
-        self, residuals: Array, slopes: Array, kernel_arguments: Array, along: Array
+        self, residuals: Array, slopes: Array, kernel_arguments: Array, directions: Array
     ) -> tuple[Array, Array]:
         """Return slope `(W, q)` and curvature `(W, q, q)` of the log likelihood.
 
-        Residuals have the slopes `slopes (W, q, T, K)`, and arguments the slopes `along`.
+        Residuals have the slopes `slopes (W, q, T, K)`, and arguments the slopes `directions`.
         """
-        n, q = along.shape[:2]
+        n, q = directions.shape[:2]
         slope, curvature = np.empty((n, q)), np.empty((n, q, q))
         chunk = max(1, int(MAX_SLOPE_BYTES / (64 * q * max(residuals[0].size, 1))))
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
             samples, arguments = (x[rows].repeat(q, axis=0) for x in (residuals, kernel_arguments))
-            turned, moved = (x[rows].reshape(-1, *x.shape[2:]) for x in (slopes, along))
+            turned, moved = (x[rows].reshape(-1, *x.shape[2:]) for x in (slopes, directions))
             results = self._filtered(Dual(samples, turned), Dual(arguments, moved))
             parts = (part.reshape(len(slope[rows]), q, -1) for part in results)
             white, change, variance, wider = parts
@@ -484,11 +499,11 @@ class LatentTorqueObservation(Observation):
         with np.errstate(all="ignore"):
             return self.kalman_filter.slopes(*((each.value, each.slope) for each in numbers))
 
-    def scores(self, at: Directions, slopes: Array) -> Array:
+    def scores(self, directions: Directions, slopes: Array) -> Array:
         count = len(slopes)
-        samples = np.nan_to_num(self.residuals(at.full).samples).repeat(count, axis=0)
-        arguments = self._kernel_arguments(at.theta, at.full).repeat(count, axis=0)
-        moved = Dual(arguments, self._moved(at)[0])
+        samples = np.nan_to_num(self.residuals(directions.full).samples).repeat(count, axis=0)
+        arguments = self._kernel_arguments(directions.theta, directions.full).repeat(count, axis=0)
+        moved = Dual(arguments, self._argument_slopes(directions)[0])
         white, change, variance, wider = self._filtered(Dual(samples, -slopes), moved)
         return np.asarray(-white * change - 0.5 * wider / variance)
 

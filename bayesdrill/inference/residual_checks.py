@@ -126,7 +126,7 @@ def residual_summaries(likelihood: Likelihood, theta: Array) -> tuple[ResidualSu
         samples = observation.residuals(full).samples
         whitened = observation.whiten(samples, theta[None])[0]
         errors = prediction_errors, samples[0], observation.innovations(samples, theta[None])[0]
-        for k, measured in enumerate(experiment.seen.T):
+        for k, measured in enumerate(experiment.is_measured.T):
             residuals, n = whitened[measured, k], int(measured.sum())
             squares = float(residuals @ residuals)
             spread = float(experiment.y[measured, k].std())
@@ -225,7 +225,7 @@ def _correlations(
     experiment = observation.experiment
     whitened = observation.whiten(observation.residuals(full).samples, theta)[0]
     inputs = {name: u for name, u in experiment.series.items() if np.ptp(u) > 0}
-    for k, measured in enumerate(experiment.seen.T):
+    for k, measured in enumerate(experiment.is_measured.T):
         t = experiment.t[measured]
         if len(t) < 4:
             continue

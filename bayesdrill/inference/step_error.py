@@ -105,8 +105,10 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
     )
 
 
-def choose_steps(posterior: Posterior, theta: Array, most: int = MAX_CHOSEN_PIECES) -> Posterior:
-    """Return the posterior with the fastest sufficient steps, up to `most`, near `theta (D,)`."""
+def choose_steps(
+    posterior: Posterior, theta: Array, max_steps: int = MAX_CHOSEN_PIECES
+) -> Posterior:
+    """Return the posterior with the fastest sufficient steps, up to `max_steps`, near `theta (D,)`."""
     # At one point alone, errors may be small by coincidence.
     relative = np.random.default_rng(0).uniform(-SCATTER, SCATTER, (N_POINTS, len(theta)))
     relative[0] = 0.0
@@ -114,7 +116,7 @@ def choose_steps(posterior: Posterior, theta: Array, most: int = MAX_CHOSEN_PIEC
     low, high = np.array(bounds).reshape(-1, 2).T
     points = np.clip(theta * (1.0 + relative), low, high)
     full = posterior.likelihood.space.full(points)
-    candidates = [(pieces, turns) for pieces, turns in CANDIDATE_STEPS if pieces <= most]
+    candidates = [(pieces, turns) for pieces, turns in CANDIDATE_STEPS if pieces <= max_steps]
     return posterior.with_simulators(lambda each: _fine_enough(each, candidates, full, points))
 
 
@@ -167,5 +169,5 @@ def _errors(observation: Observation, response: Simulator, full: Array, theta: A
     errors = np.abs(response.signals(parameters) - truth)
     with np.errstate(invalid="ignore"):
         relative = errors / observation.scales(theta)[:, None]
-        relative = np.where(response.experiment.seen, relative, 0.0)
+        relative = np.where(response.experiment.is_measured, relative, 0.0)
     return np.asarray(np.nan_to_num(relative).max(axis=1))

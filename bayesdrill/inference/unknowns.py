@@ -33,13 +33,13 @@ TINIEST = float(np.nextafter(0.0, 1.0))
 class Coordinates:
     """Convert between physical unknowns `theta (W, D)` and the sampler's coordinates `z (W, D)`.
 
-    `logs` says for each of the D unknowns whether its coordinate is its log.  `between` lists
+    `logs` says for each of the D unknowns whether its coordinate is its log.  `bounded` lists
     `(column, low, high)` of unknowns whose coordinate is the probit between two ends.  `signed`
     lists `(column, step)` of unknowns that need not be positive; `step` is the natural unit.
     """
 
     logs: tuple[bool, ...]
-    between: tuple[tuple[int, float, float], ...] = ()
+    bounded: tuple[tuple[int, float, float], ...] = ()
     signed: tuple[tuple[int, float], ...] = ()
 
     def from_physical(self, theta: Array) -> Array:
@@ -47,7 +47,7 @@ class Coordinates:
         z = theta.copy()
         with np.errstate(divide="ignore", invalid="ignore"):
             z[:, self.logs] = np.log(theta[:, self.logs])
-        for column, low, high in self.between:
+        for column, low, high in self.bounded:
             z[:, column] = scipy.special.ndtri((theta[:, column] - low) / (high - low))
         return z
 
@@ -56,21 +56,21 @@ class Coordinates:
         theta = z.copy()
         with np.errstate(over="ignore"):
             theta[:, self.logs] = np.exp(z[:, self.logs])
-        for column, low, high in self.between:
+        for column, low, high in self.bounded:
             theta[:, column] = low + (high - low) * scipy.special.ndtr(z[:, column])
         return theta
 
     def with_jacobian(self, z: Array) -> tuple[Array, Array]:
         """Return the unknowns at `z`, and log |d theta / d z| `(W,)`."""
         jacobian = np.ascontiguousarray(z[:, self.logs]).sum(axis=-1)
-        for column, low, high in self.between:
+        for column, low, high in self.bounded:
             jacobian += np.log(high - low) - LOG_ROOT_2PI - 0.5 * z[:, column] ** 2
         return self.to_physical(z), jacobian
 
     def slopes(self, theta: Array) -> Array:
         """Return d unknown / d its coordinate, `(W, D)`."""
         out = np.where(self.logs, theta, 1.0)
-        for column, low, high in self.between:
+        for column, low, high in self.bounded:
             probit = scipy.special.ndtri((theta[:, column] - low) / (high - low))
             out[:, column] = (high - low) * np.exp(-0.5 * probit**2 - LOG_ROOT_2PI)
         return out
@@ -79,7 +79,7 @@ class Coordinates:
         """Return first and minus second derivatives of the log Jacobian, `(W, D)` each."""
         slope = np.tile(np.array(self.logs, dtype=np.float64), (len(z), 1))
         curvature = np.zeros_like(slope)
-        for column, *_ in self.between:
+        for column, *_ in self.bounded:
             slope[:, column], curvature[:, column] = -z[:, column], 1.0
         return slope, curvature
 

@@ -52,19 +52,19 @@ class Written:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Anomaly:
-    """An anomaly has a `text`, the positions `where` its samples are, and the advice `do`."""
+    """An anomaly has a `text`, the `positions` of its samples, and an `advice`."""
 
     text: str
-    where: tuple[str, ...]
-    do: str = ""
+    positions: tuple[str, ...]
+    advice: str = ""
 
-    def in_words(self, most: int) -> str:
-        """Return a description that lists at most `most` positions."""
-        if not self.where:
-            return f"{self.text}{self.do}"
-        more_places = len(self.where) - most
+    def in_words(self, max_positions: int) -> str:
+        """Return a description that lists at most `max_positions` positions."""
+        if not self.positions:
+            return f"{self.text}{self.advice}"
+        more_places = len(self.positions) - max_positions
         more = f" and {more_places} more" if more_places > 0 else ""
-        return f"{self.text}: {'; '.join(self.where[:most])}{more}{self.do}"
+        return f"{self.text}: {'; '.join(self.positions[:max_positions])}{more}{self.advice}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +74,7 @@ class Experiment:
     Times `t (T,)` are the increasing times of all clocks. Signals `y (T, K)` have a column for each
     channel, with NaN if a sample is missing. Inputs are `constant`, or a measured `series (T,)`
     with a first- or zero-order hold. `start` has the states at `t_start <= t[0]`, others are zero.
-    `told` lists changes that were made to numbers of the files, and `odd` anomalies. Samples in
+    `notes` lists changes that were made to numbers of the files. Samples in
     `held_out (T, K)`, which is NaN elsewhere, do not enter the likelihood. `input_steps` has the
     median step [s] of each series; the default is `dt`.
     """
@@ -87,8 +87,8 @@ class Experiment:
     first_order: bool
     start: Mapping[str, float]
     t_start: float
-    told: tuple[str, ...] = ()
-    odd: tuple[Anomaly, ...] = ()
+    notes: tuple[str, ...] = ()
+    anomalies: tuple[Anomaly, ...] = ()
     held_out: Array | None = None
     input_steps: Mapping[str, float] = field(default_factory=dict)
     written: Written = field(default_factory=Written)
@@ -123,7 +123,7 @@ class Experiment:
         )
 
     @property
-    def seen(self) -> Flags:
+    def is_measured(self) -> Flags:
         """Return a mask `(T, K)` of the samples that were measured."""
         return ~np.isnan(self.y)
 
@@ -135,7 +135,7 @@ class Experiment:
     @property
     def counts(self) -> tuple[int, ...]:
         """Return the number of samples of each channel."""
-        return tuple(int(n) for n in self.seen.sum(axis=0))
+        return tuple(int(n) for n in self.is_measured.sum(axis=0))
 
     def unit_of_input(self, name: str) -> Unit:
         """Return the unit in which an input is displayed."""
@@ -182,14 +182,14 @@ def with_states(
     )
 
 
-def channels_first(experiment: Experiment, states: Sequence[str], shown: Array) -> Array:
-    """Return error-free channels, computed from the states `shown (..., X)`, followed by `shown`.
+def channels_first(experiment: Experiment, states: Sequence[str], rig_states: Array) -> Array:
+    """Return error-free channels, computed from `rig_states (..., X)`, followed by these.
 
     A kernel that computes states thus serves all channels.
     """
     with np.errstate(all="ignore"):  # a state may overflow
-        channels = shown @ experiment.weights(tuple(states)).T
-    return np.concatenate([channels, shown], axis=-1)
+        channels = rig_states @ experiment.weights(tuple(states)).T
+    return np.concatenate([channels, rig_states], axis=-1)
 
 
 def frozen(values: Array) -> Array:
@@ -206,9 +206,9 @@ def times(duration: float, rate: float) -> Array:
 
 def check_series(
     location: str,
-    what: str,
+    label: str,
     values: Array,
-    where: Callable[[int], str],
+    position_of: Callable[[int], str],
     *,
     varying: bool,
     missing: bool = False,
@@ -217,36 +217,36 @@ def check_series(
     """Check that numbers are present and not too large, and that they vary if `varying` is true.
 
     NaN is allowed if `missing`. The limit `MAX_VALUE` keeps fourth powers finite.
-    Messages begin with `what`; `instead` is an alternative to their advice.
+    Messages begin with `label`; `instead` is an alternative to their advice.
     """
     bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
     beyond = np.flatnonzero(np.abs(values) > MAX_VALUE)
     numbers = values[~np.isnan(values)]
     width = float(np.ptp(numbers)) if len(numbers) and not len(bad) else 0.0
     if len(bad):
-        count = f"{count_noun(len(bad), 'value')} without a number, {_rows(bad, where)}"
-        message = f"{what} has {count}; correct or cut these rows{instead}"
+        count = f"{count_noun(len(bad), 'value')} without a number, {_rows(bad, position_of)}"
+        message = f"{label} has {count}; correct or cut these rows{instead}"
         if missing:
-            count = f"{count_noun(len(bad), 'infinite value')}, {_rows(bad, where)}"
-            message = f"{what} has {count}; correct, mask or cut these rows"
+            count = f"{count_noun(len(bad), 'infinite value')}, {_rows(bad, position_of)}"
+            message = f"{label} has {count}; correct, mask or cut these rows"
     elif varying and len(values) and not len(numbers):
-        message = f"{what} has no number that is used; check missing samples, masks and windows"
+        message = f"{label} has no number that is used; check missing samples, masks and windows"
     elif len(beyond):
-        count = f"{count_noun(len(beyond), 'number')} beyond {MAX_VALUE:g}, {_rows(beyond, where)}"
-        message = f"{what} has {count}; correct or cut these rows"
+        count = f"{count_noun(len(beyond), 'number')} beyond {MAX_VALUE:g}, {_rows(beyond, position_of)}"
+        message = f"{label} has {count}; correct or cut these rows"
     elif 0 < width < SMALLEST:
-        message = f"{what} varies by only {width:.3g}; check the column"
+        message = f"{label} varies by only {width:.3g}; check the column"
     elif varying and len(numbers) > 1 and width == 0:
-        flat = f"{what} is {numbers[0]:g} in every row: a constant channel carries no information"
+        flat = f"{label} is {numbers[0]:g} in every row: a constant channel carries no information"
         message = f"{flat}; check the column, or leave the channel out"
     else:
         return []
     return [Issue(location, message)]
 
 
-def check_time(location: str, t: Array, where: Callable[[int], str]) -> list[Issue]:
+def check_time(location: str, t: Array, position_of: Callable[[int], str]) -> list[Issue]:
     """Check that times increase; steps need not be equal."""
-    problems = check_series(location, "time", t, where, varying=False)
+    problems = check_series(location, "time", t, position_of, varying=False)
     if problems or len(t) < 2:
         return problems
     steps = np.diff(t)
@@ -254,7 +254,7 @@ def check_time(location: str, t: Array, where: Callable[[int], str]) -> list[Iss
     if len(back):
         first = back[0] + 1
         pair = f"{t[first - 1]:.10g} s is followed by {t[first]:.10g} s; {_why_back(t, steps)}"
-        return [Issue(location, f"time does not increase, {_rows(back + 1, where)}: {pair}")]
+        return [Issue(location, f"time does not increase, {_rows(back + 1, position_of)}: {pair}")]
     if steps.min() < SMALLEST:
         message = f"time has steps of {steps.min():.3g} s; check the column and its unit"
         return [Issue(location, message)]
@@ -299,8 +299,8 @@ def raise_if_any(problems: list[Issue]) -> None:
         raise InputError(problems)
 
 
-def _rows(indices: Indices, where: Callable[[int], str]) -> str:
-    named = ", ".join(where(int(index)) for index in indices[:5])
+def _rows(indices: Indices, position_of: Callable[[int], str]) -> str:
+    named = ", ".join(position_of(int(index)) for index in indices[:5])
     more = f" and {len(indices) - 5} more" if len(indices) > 5 else ""
     return f"at {named}{more}"
 

@@ -42,7 +42,7 @@ CORNER = "The overlaid posteriors of all runs, for each unknown and each pair (c
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """The form of a comparison has the names of its files, and the largest number `most` of runs.
+    """The form of a comparison has the names of its files, and the largest number `max_runs` of runs.
 
     The files of table and page have the stem `name`, and `figure` is shown by default.
     """
@@ -50,9 +50,9 @@ class Form:
     name: str
     kind: Kind
     figure: str
-    most: int
+    max_runs: int
     purpose: str  # what happens to the runs, as a participle for messages
-    between: str  # separates names of runs in a heading
+    separator: str  # separates names of runs in a heading
     prefix: str = ""  # prefix of the folder's name
 
 
@@ -60,17 +60,17 @@ OVERLAID = Form(
     name="overlay",
     kind=OVERLAY,
     figure="corner",
-    most=6,  # more runs cannot be distinguished in grey
+    max_runs=6,  # more runs cannot be distinguished in grey
     purpose="laid over each other",
-    between=" beside ",
+    separator=" beside ",
 )
 COMPARED = Form(
     name="comparison",
     kind=COMPARE,
     figure="comparison",
-    most=24,
+    max_runs=24,
     purpose="compared",
-    between=" against ",
+    separator=" against ",
     prefix="compare-",
 )
 
@@ -115,7 +115,7 @@ class ComparisonReport:
     @property
     def title(self) -> str:
         """Return the title of the report."""
-        return self.heading or self.form.between.join(layer.name for layer in self.layers)
+        return self.heading or self.form.separator.join(layer.name for layer in self.layers)
 
     @property
     def mark(self) -> str:

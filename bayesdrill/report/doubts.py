@@ -19,25 +19,25 @@ from bayesdrill.sampling.mode_search import Mode
 
 
 def run_doubts(
-    sampled: SamplingResult, left: Sequence[ResidualSummary], unsupported: Mapping[str, float]
+    sampled: SamplingResult, residuals: Sequence[ResidualSummary], unsupported: Mapping[str, float]
 ) -> tuple[str, ...]:
     """Return reasons not to believe a run (it did not converge, or does not fit), or none."""
-    fit = (*residual_reasons(left), *sandwich_reasons(unsupported))
+    fit = (*residual_reasons(residuals), *sandwich_reasons(unsupported))
     return (*finding_sentences(sampled.convergence.reasons), *fit)
 
 
-def figure_warning(sampled: SamplingResult, left: Sequence[ResidualSummary]) -> str:
+def figure_warning(sampled: SamplingResult, residuals: Sequence[ResidualSummary]) -> str:
     """Return the warning that every figure of a run carries; empty if there is none."""
-    return misfit(left) if sampled.convergence.converged else "NOT CONVERGED"
+    return misfit(residuals) if sampled.convergence.converged else "NOT CONVERGED"
 
 
-def misfit(left: Sequence[ResidualSummary]) -> str:
+def misfit(residuals: Sequence[ResidualSummary]) -> str:
     """Return the warning that figures of a fit carry; it is empty if the residuals look like noise."""
-    if any(summary.far_too_large for summary in left):
+    if any(summary.far_too_large for summary in residuals):
         return "DOES NOT FIT: the residuals are far larger than the noise"
-    if any(summary.unbelievable for summary in left):
+    if any(summary.unbelievable for summary in residuals):
         return "DOES NOT FIT: the residuals are far from white"
-    return "" if like_noise(left) else "THE RESIDUALS ARE MORE THAN NOISE"
+    return "" if like_noise(residuals) else "THE RESIDUALS ARE MORE THAN NOISE"
 
 
 def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
@@ -138,21 +138,21 @@ def _correlated(correlated: Sequence[ResidualSummary]) -> str:
     return f"the residuals are correlated from one sample to the next: {each}"
 
 
-def _worst(summaries: Sequence[ResidualSummary], which: str, by: str) -> list[ResidualSummary]:
-    """Return the summaries whose flag `which` is set, sorted by `by`, the worst first."""
-    chosen = [summary for summary in summaries if getattr(summary, which)]
-    return sorted(chosen, key=lambda summary: abs(getattr(summary, by)), reverse=which != "small")
+def _worst(summaries: Sequence[ResidualSummary], flag: str, by: str) -> list[ResidualSummary]:
+    """Return the summaries whose flag `flag` is set, sorted by `by`, the worst first."""
+    chosen = [summary for summary in summaries if getattr(summary, flag)]
+    return sorted(chosen, key=lambda summary: abs(getattr(summary, by)), reverse=flag != "small")
 
 
-def _each_channel(summaries: Sequence[ResidualSummary], what: str) -> str:
-    return ", ".join(f"{summary.name} {getattr(summary, what):.3g}" for summary in summaries)
+def _each_channel(summaries: Sequence[ResidualSummary], attribute: str) -> str:
+    return ", ".join(f"{summary.name} {getattr(summary, attribute):.3g}" for summary in summaries)
 
 
-def percent(share: float) -> str:
+def percent(fraction: float) -> str:
     """Return a share of a channel's spread in per cent; above `MAX_SHARE` only the limit is given."""
-    if share > MAX_SHARE:
+    if fraction > MAX_SHARE:
         return f"> {100 * MAX_SHARE:.0f} %"
-    return f"{100 * share:.2g} %" if not share >= 0.995 else f"{100 * share:.0f} %"
+    return f"{100 * fraction:.2g} %" if not fraction >= 0.995 else f"{100 * fraction:.0f} %"
 
 
 EARLY = 0.1  # smallest lead of an input before its recorded time that is reported, in samples
@@ -187,7 +187,7 @@ def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
 
 def describe_timing(moment: InputTiming | None) -> Iterable[str]:
     """Yield a sentence on the shift of values by half a sample of input delay, if it is large."""
-    if moment is None or not moment.matters:
+    if moment is None or not moment.is_reported:
         return
     moved = sorted(moment.shifts, key=lambda shift: -abs(shift[1]))
     far = [(name, abs(shift)) for name, shift in moved[:3] if abs(shift) > 0.1]

@@ -56,33 +56,33 @@ class MapReport:
         return self.problem.posterior.space.vector(self.mode.values)
 
     @cached_property
-    def left(self) -> tuple[ResidualSummary, ...]:
+    def residuals(self) -> tuple[ResidualSummary, ...]:
         """Return the summary of the residuals of each channel."""
         return residual_checks.residual_summaries(self.problem.posterior.likelihood, self.best)
 
     @cached_property
     def correlations(self) -> tuple[ResidualCorrelation, ...]:
         """Return correlations of the residuals if the residuals are more than noise, or none."""
-        if residual_checks.like_noise(self.left):
+        if residual_checks.like_noise(self.residuals):
             return ()
         return residual_checks.correlations(self.problem.posterior.likelihood, self.best)
 
     @property
     def warning(self) -> str:
         """Return the warning that figures carry; it may be empty."""
-        return misfit(self.left)
+        return misfit(self.residuals)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return reasons not to believe the maximum (the model does not fit), or none."""
-        return residual_reasons(self.left)
+        return residual_reasons(self.residuals)
 
     def _sections(self, figures: Mapping[str, Drawing]) -> tuple[Section, ...]:
         table = self.problem.compared_with
         read = Note(f"`dev. %` is the deviation of the MAP from {table}.")
         units, clock = self.problem.units, self.problem.clock
         steps = step_sentences(step_errors(self.problem.posterior.likelihood, self.best))
-        said = residual_sentences(self.left, clock)
+        said = residual_sentences(self.residuals, clock)
         shown = of_mode(units.rows(mode_rows(self.problem, self.mode)))
         doubts = unbelievable(self.reasons, converged=False)
         shape = output_files.preferred_format(self.config.output.formats_or_default)
@@ -155,7 +155,7 @@ class MapReport:
     def figures(self) -> Mapping[str, Drawing]:
         """Return the figures by the stems of their files."""
         problem, width = self.problem, WIDTHS[self.config.output.size]
-        shown = ((fit.label, fit) for fit in every_fit(problem, self.best, self.left))
+        shown = ((fit.label, fit) for fit in every_fit(problem, self.best, self.residuals))
         fits = numbered("fit", for_each_experiment(fit_figure, shown, width, FIT_ALONE))
         rest = residual_drawings(self.correlations, width, problem.model)
         return fits | numbered("residuals", rest)

@@ -99,7 +99,7 @@ def legend_above(figure: Figure, looks: Mapping[str, style.Look], **options: Any
 
 def departures(band: RankBand, ranks: Counts) -> Array:
     """Return both edges of a band and the ECDF of `ranks`, minus the uniform CDF: `(3, L + 2)`."""
-    counts = np.stack([band.low, band.high, band.counts(ranks)])
+    counts = np.stack([band.low, band.high, band.count_below(ranks)])
     return np.pad(counts / max(band.n, 1) - band.shares, ((0, 0), (1, 1)))
 
 
@@ -111,14 +111,14 @@ def ranks_panel(
     panel: Axes,
     band: RankBand,
     away: Array,
-    most: float,
+    limit: float,
     wrong: str,
     numbers: int = 5,
     look: style.Look = style.CHANCE,
 ) -> None:
-    """Draw `away`, a result of `departures`, up to `most`; `wrong` labels ranks outside the band."""
+    """Draw `away`, a result of `departures`, up to `limit`; `wrong` labels ranks outside the band."""
     places, (low, high, ranks) = np.pad(band.shares, 1, constant_values=(0, 1)), away
-    difference_panel(panel, places, (low, high), most, numbers, look)
+    difference_panel(panel, places, (low, high), limit, numbers, look)
     panel.plot(places, ranks, zorder=2, **(style.OUTSIDE if wrong else style.BLACK_LINE))
     if wrong:
         style.corner_text(panel, wrong, "right", fontsize=style.letters("legend.fontsize"))
@@ -126,19 +126,21 @@ def ranks_panel(
 
 def difference_panel(
     panel: Axes,
-    shares: Array,
+    levels: Array,
     band: tuple[Array, Array],
-    most: float,
+    limit: float,
     numbers: int = 5,
     look: style.Look = style.CHANCE,
 ) -> None:
-    """Draw zero and the `band` that chance allows at `shares (S,)`, for differences up to `most`."""
-    panel.fill_between(shares, *band, zorder=0, **look)
+    """Draw zero and the `band` that chance allows at `levels (S,)`, for differences up to `limit`."""
+    panel.fill_between(levels, *band, zorder=0, **look)
     panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
     panel.set_xlim(0, 1)
-    panel.set_ylim(-FOOT_ROOM * most, HEAD_ROOM * most)
+    panel.set_ylim(-FOOT_ROOM * limit, HEAD_ROOM * limit)
     style.set_ticks(panel.xaxis, (0.0, 0.5, 1.0), ["0", "0.5", "1"])
-    style.set_ticks(panel.yaxis, *Scale(0.0, 0, -FOOT_ROOM * most, FOOT_ROOM * most).ticks(numbers))
+    style.set_ticks(
+        panel.yaxis, *Scale(0.0, 0, -FOOT_ROOM * limit, FOOT_ROOM * limit).ticks(numbers)
+    )
 
 
 Ends = tuple[float, float]
@@ -157,7 +159,7 @@ INNER_GREY, OUTER_GREY = "0.68", "0.85"  # greys inside the inner and the outer 
 def contours(
     panel: Axes,
     xy: tuple[Array, Array],
-    ends: tuple[Ends, Ends],
+    limits: tuple[Ends, Ends],
     fine: float = 1.0,
     lines: style.Look | None = None,
 ) -> None:
@@ -165,7 +167,7 @@ def contours(
 
     If the draws are nearly on a line, bins are sheared along the regression of y on x: upright bins
     would show a ridge as wide as the bins.  A contour is omitted where the density is so flat that
-    noise determines the contour.  `xy` are draws `(N,)` of two unknowns, `ends` those of their priors.
+    noise determines the contour.  `xy` are draws `(N,)` of two unknowns, `limits` those of their priors.
     `fine` scales line widths.  If a style `lines` is given, contours are lines without a fill.
     """
     import corner
@@ -178,7 +180,7 @@ def contours(
     shear = Affine2D(np.array([[1.0, 0.0, 0.0], [slope, 1.0, 0.0], [0.0, 0.0, 1.0]]))
     transform = shear + panel.transData
     across = y - slope * x
-    ranges = [central(x, ends[0]), central(across, None if slanted else ends[1])]
+    ranges = [central(x, limits[0]), central(across, None if slanted else limits[1])]
     smooth = [_bandwidth(values, span) for values, span in zip((x, across), ranges, strict=True)]
     counts, *edges = np.histogram2d(x, across, BINS, ranges)
     levels = _resolved_levels(counts, smooth)
@@ -212,9 +214,10 @@ def contours(
     )
 
 
-def _bandwidth(x: Array, ends: Ends) -> float:
+def _bandwidth(x: Array, limits: Ends) -> float:
     return (
-        float(BANDWIDTH_FACTOR * np.std(x) * len(x) ** (-1 / 6) / (ends[1] - ends[0]) * BINS) or 1.0
+        float(BANDWIDTH_FACTOR * np.std(x) * len(x) ** (-1 / 6) / (limits[1] - limits[0]) * BINS)
+        or 1.0
     )
 
 
@@ -237,9 +240,9 @@ def _resolved_levels(counts: Array, smooth: Sequence[float]) -> tuple[float, ...
     return tuple(levels)
 
 
-def central(x: Array, ends: Ends | None = None) -> Ends:
-    """Return a range of nearly all draws, with a margin for the smoothing, inside `ends`."""
+def central(x: Array, limits: Ends | None = None) -> Ends:
+    """Return a range of nearly all draws, with a margin for the smoothing, inside `limits`."""
     low, high = np.quantile(x, [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2])
     margin = 0.15 * float(high - low) or 1e-9
-    first, last = ends or (-math.inf, math.inf)
+    first, last = limits or (-math.inf, math.inf)
     return max(float(low) - margin, first), min(float(high) + margin, last)

@@ -47,11 +47,11 @@ FIGURES: Registry[Recipe] = Registry(
 )
 
 
-def wanted_figures(wanted: Collection[str] | None) -> list[str]:
-    """Return the names of figures to draw: those `wanted` or, for None, all except `ON_REQUEST`."""
-    if wanted is None:
+def wanted_figures(names: Collection[str] | None) -> list[str]:
+    """Return the names of figures to draw: those `names` or, for None, all except `ON_REQUEST`."""
+    if names is None:
         return [name for name in FIGURES if name not in ON_REQUEST]
-    return [name for name in FIGURES if name in wanted]
+    return [name for name in FIGURES if name in names]
 
 
 # By file name, functions that return a table as text, or None if a run has no such table.
@@ -107,11 +107,11 @@ def write_results(
     tasks |= _begin_figures(others, view, figures, begun.pool, report, errors)
     report.update(0.5, "tables")
     for name, table in TABLES.items():
-        with errors.making(name):
+        with errors.collect(name):
             text = table(view)
             if text is not None:
                 folder.write_text(name, text)
-    with errors.making("posterior.nc"):
+    with errors.collect("posterior.nc"):
         image = io.BytesIO()
         view.tree.to_netcdf(image, engine="h5netcdf")
         output_files.write(folder.path_of("posterior.nc"), image.getvalue())
@@ -119,16 +119,16 @@ def write_results(
     pictures: dict[str, list[Picture]] = {name: [] for name in wanted}
     for k, (name, stem, says, task) in enumerate(every):
         report.update(0.6 + 0.4 * k / len(every), f"figure {stem}")
-        with errors.making(f"figures/{stem}"):
+        with errors.collect(f"figures/{stem}"):
             task.result()
             pictures[name].append(
                 Picture(stem, says or stem, output_files.preferred_format(formats[name]))
             )
-    with errors.making("summary.md and report.html"):
+    with errors.collect("summary.md and report.html"):
         said = sections(view, pictures)
-        with errors.making("summary.md"):
+        with errors.collect("summary.md"):
             folder.write_text("summary.md", as_markdown(view.config.name, said))
-        with errors.making("report.html"):
+        with errors.collect("report.html"):
             made_of = run_report.provenance_section(view, folder.path)
             page = (*said, made_of, run_report.cite())
             text = render.as_html(
@@ -151,7 +151,7 @@ def _begin_figures(
     note = {"Title": view.config.name, "Creator": software.creator(), **view.marks}
     for k, (name, formats) in enumerate(names.items(), 1):
         report.update(0.5 * k / len(names), f"figure {name}")
-        with errors.making(f"figures/{name}"):
+        with errors.collect(f"figures/{name}"):
             for stem, drawing in drawings(name, view).items():
                 look = (note, view.warning, formats, output.dpi)
                 task = pool.submit(draw, stem, drawing, folder, *look)

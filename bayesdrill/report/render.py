@@ -57,7 +57,7 @@ def as_html(
     environment = _environment()
     blocks = [block for section in sections for block in section.blocks]
     shown = {
-        picture.stem: _embedded(figures / f"{picture.stem}.{picture.ending}")
+        picture.stem: _embedded(figures / f"{picture.stem}.{picture.extension}")
         for picture in blocks
         if isinstance(picture, Picture)
     }
@@ -120,9 +120,9 @@ def _embedded(path: Path) -> EmbeddedPicture | None:
     return EmbeddedPicture(url, width, height, min(10, math.ceil(10 * width / dpi / DOUBLE)))
 
 
-def after(text: str, known: str) -> str:
-    """Return a text without the prefix `known`, which the title contains already."""
-    remainder = text.removeprefix(known)
+def after(text: str, prefix: str) -> str:
+    """Return a text without the prefix `prefix`, which the title contains already."""
+    remainder = text.removeprefix(prefix)
     return text if remainder == text else remainder[:1].upper() + remainder[1:]
 
 

@@ -37,30 +37,30 @@ class _Link:
     """The link is a shaft, or a gear with its `ratio`; a symbol below a shaft means a damper."""
 
     ends: tuple[str, str]
-    above: str
-    below: str
+    label_above: str
+    label_below: str
     name: str
     ratio: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """The part is an inertia or the ground; its lines `above` and `below` begin with the nearest."""
+    """The part is an inertia or the ground; its labels above and below begin with the nearest."""
 
     name: str
-    above: tuple[str, ...] = ()
-    below: tuple[str, ...] = ()
+    labels_above: tuple[str, ...] = ()
+    labels_below: tuple[str, ...] = ()
     pushed: bool = False  # an arrow shows an input, whose symbol is in the nearest line
     driven: bool = False  # one of its inputs drives the rig
-    held: bool = False  # damping or friction connects it to the ground
+    is_grounded: bool = False  # damping or friction connects it to the ground
     circuit: MotorRoles | None = None  # circuit of a voltage or a servo, drawn above the part
 
 
 @dataclass(slots=True)
 class _Row:
-    """The row has parts from left to right; it may be linked to a part `behind` in a row above."""
+    """The row has parts from left to right; it may be linked to a `parent` in a row above."""
 
-    behind: str | None
+    parent: str | None
     parts: list[str]
     folded: bool = False  # continues the chain of the row above
     y: float = 0.0
@@ -114,7 +114,7 @@ class _RigDrawing:
         rows = self._rows()
         shown = [link for links in self.between.values() for link in links]
         notes = [
-            f"{link.above} {link.below} ({link.name}) between {' and '.join(link.ends)}"
+            f"{link.label_above} {link.label_below} ({link.name}) between {' and '.join(link.ends)}"
             for link in self.links
             if link not in shown
         ]
@@ -186,7 +186,7 @@ class _RigDrawing:
             (*filter(None, below), inertia.words.removeprefix("the ")),
             pushed=bool(pushes) and not circuit,
             driven=any(rig.symbols[n].drives for n in inputs),
-            held=any(name in rig.parameters for name in rubs),
+            is_grounded=any(name in rig.parameters for name in rubs),
             circuit=circuit,
         )
 
@@ -274,7 +274,7 @@ class _RigDrawing:
             # A part is centred in its width, so a text on one side of the part counts twice.
             goal = self._measure(self._formula([part.circuit.goal])) + GOAL
             mesh += 2 * max(goal, self._measure(*self._law(part.circuit)) - PAD)
-        return max(self._measure(*part.above, *part.below), self.body, mesh) + 2 * PAD
+        return max(self._measure(*part.labels_above, *part.labels_below), self.body, mesh) + 2 * PAD
 
     def _mesh(self, motor: MotorRoles) -> float:
         series = self._series(motor)
@@ -284,12 +284,12 @@ class _RigDrawing:
 
     def _slot(self, name: str) -> float:
         links = self.between.get(name, [])
-        texts = [text for link in links for text in (link.above, link.below, link.name)]
+        texts = [text for link in links for text in (link.label_above, link.label_below, link.name)]
         return max(SPRING, self._measure(*texts) + 2 * PAD) if links else 0.0
 
     def _reach(self, row: _Row, side: str) -> float:
         parts = [self.parts[name] for name in row.parts]
-        lines = [len(part.above if side == "above" else part.below) for part in parts]
+        lines = [len(part.labels_above if side == "above" else part.labels_below) for part in parts]
         drives = side == "above" and any(part.pushed for part in parts)
         words = 0.18 + LINE_HEIGHT * max(lines) + 0.3 * drives
         if side == "above" and any(part.circuit for part in parts):
@@ -300,8 +300,8 @@ class _RigDrawing:
 
     def _place(self, row: _Row) -> float:
         x = 0.1
-        if row.behind is not None and not row.folded:
-            x = self.at[row.behind][0] + self._width(row.behind) / 2
+        if row.parent is not None and not row.folded:
+            x = self.at[row.parent][0] + self._width(row.parent) / 2
         for name in row.parts:
             x += self._slot(name) + self._width(name) / 2
             self.at[name] = (x, row.y)
@@ -316,7 +316,7 @@ class _RigDrawing:
         return (x + side * (0.0 if name.startswith(GROUND) else self.body / 2), y)
 
     def _draw_row(self, row: _Row) -> None:
-        before = row.behind
+        before = row.parent
         for name in row.parts:
             x, y = self.at[name]
             left = x - self._width(name) / 2
@@ -346,15 +346,15 @@ class _RigDrawing:
             self.sheet.wire((end, heights[0]), (end, heights[-1]))
         for link, height in zip(links, heights, strict=True):
             if link.ratio is None:
-                _spring(self.sheet, left, right, height, damped=bool(link.below))
-                away = 0.25 if link.below else 0.19
+                _spring(self.sheet, left, right, height, damped=bool(link.label_below))
+                away = 0.25 if link.label_below else 0.19
             else:
                 times = 1 / link.ratio if link.ends[1] == name else link.ratio
                 _wheels(self.sheet, abs(times), left, right, height)
                 away = 0.34
-            self.sheet.write(middle, height + away, link.above)
-            lines = [(link.below, {}), (link.name, {"fontsize": SMALL})]
-            for k, (text, font) in enumerate(lines if link.below else lines[1:]):
+            self.sheet.write(middle, height + away, link.label_above)
+            lines = [(link.label_below, {}), (link.name, {"fontsize": SMALL})]
+            for k, (text, font) in enumerate(lines if link.label_below else lines[1:]):
                 self.sheet.write(middle, height - away - k * 0.17, text, **font)
 
     def _draw_part(self, part: _Part, x: float, y: float, *, first: bool) -> None:
@@ -366,7 +366,7 @@ class _RigDrawing:
         sheet.box(x, y, self.body, self.height, **SOLID)
         for wheel in (-0.18, 0.18) if self.linear else ():
             sheet.circle(x + wheel, y + bottom + 0.06, 0.06, **HOLLOW)
-        if part.held or self.linear:
+        if part.is_grounded or self.linear:
             sheet.ground(x, y + bottom)
         if part.circuit:
             self._draw_circuit(part.circuit, x, y + top)
@@ -374,11 +374,11 @@ class _RigDrawing:
         if part.pushed:
             sheet.arrow((x, height + 0.2), (x, height - 0.1))
             height += 0.3
-        for line in part.above:
+        for line in part.labels_above:
             sheet.write(x, height, line)
             height += LINE_HEIGHT
         height = y + bottom - 0.2
-        for line in part.below:
+        for line in part.labels_below:
             sheet.write(x, height, line, fontsize=None if line.startswith("$") else SMALL)
             height -= LINE_HEIGHT
 

@@ -81,10 +81,10 @@ def provenance_of_records(problem: Problem) -> Iterator[tuple[str, str]]:
         files = ", ".join(f"`{name}`" for name in observation.experiment.written.files)
         length = observation.experiment.t[-1] - observation.experiment.t[0]
         yield (
-            observation.entitled("record"),
+            observation.title("record"),
             f"{files}: {every[observation.label]} over {length:g} s",
         )
-        yield observation.entitled("channels"), ", ".join(observation.experiment.names)
+        yield observation.title("channels"), ", ".join(observation.experiment.names)
 
 
 CITE = (

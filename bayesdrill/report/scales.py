@@ -36,14 +36,14 @@ SERIES: tuple[tuple[float, ...], ...] = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
 CURVED_RATIO = 4.0  # ratio of the ends from which on a logarithmic axis has mantissas from SERIES
 
 
-def even_numbers(low: float, high: float, most: int) -> tuple[list[float], list[str]]:
-    """Return at most `most` multiples of a round step from `low` to `high`, and their texts."""
-    exponent = math.floor(math.log10((high - low) / most)) - 1
+def even_numbers(low: float, high: float, max_count: int) -> tuple[list[float], list[str]]:
+    """Return at most `max_count` multiples of a round step from `low` to `high`, and their texts."""
+    exponent = math.floor(math.log10((high - low) / max_count)) - 1
     while True:
         for factor, decimals in ((1.0, 0), (2.0, 0), (2.5, 1), (5.0, 0)):
             step = factor * 10.0**exponent
             first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-            if last - first < most:
+            if last - first < max_count:
                 places = max(0, decimals - exponent)
                 values = [round(k * step, places) for k in range(first, last + 1)]
                 texts = (f"{value + 0.0:.{places}f}" for value in values)
@@ -51,21 +51,21 @@ def even_numbers(low: float, high: float, most: int) -> tuple[list[float], list[
         exponent += 1
 
 
-def in_ratios(low: float, high: float, most: int) -> tuple[list[float], list[str]]:
-    """Return two to `most` (3 or more) numbers of a logarithmic axis from `low` to `high`."""
+def in_ratios(low: float, high: float, max_count: int) -> tuple[list[float], list[str]]:
+    """Return two to `max_count` (3 or more) numbers of a logarithmic axis from `low` to `high`."""
     if high / low < CURVED_RATIO:
-        return even_numbers(low, high, most)
+        return even_numbers(low, high, max_count)
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     for series in SERIES:
         candidates = [m * 10.0**k for k in range(first, last + 1) for m in series]
         values = [value for value in candidates if low <= value <= high]
-        if len(values) <= most:
+        if len(values) <= max_count:
             break
     else:
-        step = -(-(len(values) - 1) // (most - 1))
+        step = -(-(len(values) - 1) // (max_count - 1))
         values = values[::step]
     if len(values) < 2:
-        return even_numbers(low, high, most)
+        return even_numbers(low, high, max_count)
     if values[0] > 0.9e-3 and values[-1] < 1.1e4:
         return values, [f"{value:.6g}" for value in values]
     texts = []
@@ -190,9 +190,9 @@ class Scale:
         if self.log:
             with np.errstate(divide="ignore", invalid="ignore"):
                 return np.asarray(np.log10(values) - self.power)
-        return self.number(values)
+        return self.axis_numbers(values)
 
-    def number(self, x: Array | float) -> Array:
+    def axis_numbers(self, x: Array | float) -> Array:
         """Return the numbers that the axis shows for values `x`, by its origin and power of ten."""
         return np.asarray((np.asarray(x) - self.origin) / 10.0**self.power, dtype=np.float64)
 
@@ -215,9 +215,9 @@ class Scale:
         return int(u > self.high) - int(u < self.low)
 
     def ticks(
-        self, most: int = 3, *, clear: float = 0.05, letter: float = 0.0
+        self, max_count: int = 3, *, clear: float = 0.05, letter: float = 0.0
     ) -> tuple[Array, list[str]]:
-        """Return two to `most` (3 or more) ticks at round values, and their texts.
+        """Return two to `max_count` (3 or more) ticks at round values, and their texts.
 
         `clear` is their smallest distance from the ends, and `letter` the width of a letter, both as
         fractions of the axis.
@@ -225,17 +225,17 @@ class Scale:
         length = self.high - self.low
         low, high = self.low + clear * length, self.high - clear * length
         if self.log:
-            values, texts = in_ratios(10.0**low, 10.0**high, most)
+            values, texts = in_ratios(10.0**low, 10.0**high, max_count)
             values = [math.log10(value) for value in values]
         else:
-            values, texts = even_numbers(low, high, most)
+            values, texts = even_numbers(low, high, max_count)
         room = letter * max(map(len, texts)) * length
         if len(values) == 3 and room > min(b - a for a, b in pairwise(values)):
             values, texts = values[::2], texts[::2]
         return np.array(values), texts
 
     @property
-    def between(self) -> Array:
+    def minor_ticks(self) -> Array:
         """Return the minor ticks of a short logarithmic axis (1, 2, ... 9 in each decade), or none."""
         if not self.log or not CURVED_RATIO <= 10.0 ** (self.high - self.low) < CROWDED_RATIO:
             return np.empty(0)

@@ -37,10 +37,10 @@ class Sentences:
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """The item is one sentence of a list; `more` has the sentences that are indented below it."""
+    """The item is one sentence of a list; `details` are the sentences that are indented below it."""
 
     text: str
-    more: tuple[str, ...] = ()
+    details: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,12 +85,12 @@ class Badges:
 class Link:
     """The link is a point of a picture, at fractions of its width and height from the upper left.
 
-    `says` is shown above the point, which is a link to `url` if there is one.
+    `label` is shown above the point, which is a link to `url` if there is one.
     """
 
     x: float
     y: float
-    says: str
+    label: str
     url: str = ""
 
 
@@ -98,12 +98,12 @@ class Link:
 class Picture:
     """The picture refers to a figure of the run by the `stem` of its files.
 
-    `says` is the caption, `ending` the type of the file that a page shows, and `links` are points.
+    `extension` is the type of the file that a page shows, and `links` are points.
     """
 
     stem: str
-    says: str
-    ending: str = "png"
+    caption: str
+    extension: str = "png"
     links: tuple[Link, ...] = ()
 
 
@@ -114,20 +114,20 @@ class IntervalBar:
     low: float
     high: float
     nominal: float | None
-    best: float
+    map: float
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
     """The table has cells of text.
 
-    `left` has the heads of left-aligned columns. `brief` has the heads that a terminal shows; None
-    means all. `bars` has an interval for each line, which a page draws, or is empty.
+    `left_aligned` and `brief` have the heads of left-aligned columns, and of those that a terminal
+    shows; None means all. `bars` has an interval for each line, which a page draws, or is empty.
     """
 
     heads: tuple[str, ...]
     lines: tuple[tuple[str, ...], ...]
-    left: frozenset[str]
+    left_aligned: frozenset[str]
     brief: tuple[str, ...] | None = None
     bars: tuple[IntervalBar, ...] = ()
 
@@ -148,15 +148,15 @@ class Table:
 
 
 def table_of(
-    lines: Iterable[Mapping[str, str]], *left: str, brief: tuple[str, ...] | None = None
+    lines: Iterable[Mapping[str, str]], *left_aligned: str, brief: tuple[str, ...] | None = None
 ) -> Table:
     """Build a table of one or more lines, which map heads to cells.
 
-    `Table` explains `left` and `brief`.
+    `Table` explains `left_aligned` and `brief`.
     """
     every = [*lines]
     cells = tuple(tuple(line.values()) for line in every)
-    return Table(tuple(every[0]), cells, frozenset(left), brief)
+    return Table(tuple(every[0]), cells, frozenset(left_aligned), brief)
 
 
 Block = Sentences | Note | Plain | Badges | Picture | Table
@@ -189,7 +189,7 @@ def as_text(sections: Sequence[Section]) -> tuple[str, ...]:
 def _paragraphs(section: Section) -> Iterator[str]:
     for table in (block for block in section.blocks if isinstance(block, Table)):
         shown = table if table.brief is None else table.only(table.brief)
-        left = {k for k, head in enumerate(shown.heads) if head in shown.left}
+        left = {k for k, head in enumerate(shown.heads) if head in shown.left_aligned}
         yield aligned([shown.heads, *shown.lines], left=left)
     yield from (block.text for block in section.blocks if isinstance(block, Sentences))
 
@@ -215,7 +215,8 @@ def _in_markdown(block: Block) -> str:
             return f"{fence}text\n{text}\n{fence}"
         case Sentences(text):
             bullets = (
-                ["- " + item.text, *("  - " + more for more in item.more)] for item in items(text)
+                ["- " + item.text, *("  - " + more for more in item.details)]
+                for item in items(text)
             )
             return _no_html("\n".join(itertools.chain(*bullets)))
         case Table():
@@ -235,7 +236,7 @@ def items(text: str) -> list[Item]:
     for line in text.splitlines():
         sentence = line.strip().removeprefix("- ")
         if line.startswith(" ") and sentences:
-            sentences[-1] = replace(sentences[-1], more=(*sentences[-1].more, sentence))
+            sentences[-1] = replace(sentences[-1], details=(*sentences[-1].details, sentence))
         else:
             sentences.append(Item(sentence))
     return sentences

@@ -122,13 +122,13 @@ def letters(size: str) -> float:
     return float(now[size])
 
 
-def set_numbers(axis: Axis, scale: Scale, most: int, **room: float) -> None:
-    """Set at most `most` ticks with texts; a logarithmic axis has minor ticks too."""
-    set_ticks(axis, *scale.ticks(most, **room), scale.between)
+def set_numbers(axis: Axis, scale: Scale, max_count: int, **room: float) -> None:
+    """Set at most `max_count` ticks with texts; a logarithmic axis has minor ticks too."""
+    set_ticks(axis, *scale.ticks(max_count, **room), scale.minor_ticks)
 
 
-def scale_axis(axis: Axis, scale: Scale, label: str, most: int = 4) -> None:
-    """Set the ends of an axis, at most `most` numbers, and the label."""
+def scale_axis(axis: Axis, scale: Scale, label: str, max_count: int = 4) -> None:
+    """Set the ends of an axis, at most `max_count` numbers, and the label."""
     panel = axis.axes
     if axis.axis_name == "x":  # type: ignore[attr-defined]
         panel.set_xlim(scale.low, scale.high)
@@ -136,25 +136,28 @@ def scale_axis(axis: Axis, scale: Scale, label: str, most: int = 4) -> None:
     else:
         panel.set_ylim(scale.low, scale.high)
         panel.set_ylabel(label, linespacing=1.12)
-    set_numbers(axis, scale, most)
+    set_numbers(axis, scale, max_count)
 
 
 def set_ticks(
-    axis: Axis, places: Iterable[float], texts: Sequence[str] | None = None, between: Array = NONE
+    axis: Axis,
+    positions: Iterable[float],
+    texts: Sequence[str] | None = None,
+    between: Array = NONE,
 ) -> None:
     """Set major ticks with fixed texts or none, and minor ticks `between`; hide the offset text."""
     from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
 
-    axis.set_major_locator(FixedLocator([*places]))
+    axis.set_major_locator(FixedLocator([*positions]))
     axis.set_major_formatter(NullFormatter() if texts is None else FixedFormatter(texts))
     axis.set_minor_locator(FixedLocator(between.tolist()))
     axis.set_minor_formatter(NullFormatter())
 
 
-def finer(look: Mapping[str, Any], share: float) -> dict[str, Any]:
-    """Return a look whose lines and marks are scaled by `share`."""
+def finer(look: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    """Return a look whose lines and marks are scaled by `factor`."""
     sizes = ("linewidth", "markersize", "markeredgewidth")
-    return {**look, **{name: look[name] * share for name in sizes if name in look}}
+    return {**look, **{name: look[name] * factor for name in sizes if name in look}}
 
 
 def mark_values(
@@ -207,9 +210,9 @@ def legend_handles(looks: Mapping[str, Look]) -> list[Any]:
     ]
 
 
-def thin(n: int, most: int) -> NDArray[np.intp]:
-    """Return at most `most` indices of `n`, evenly spaced from the first to the last."""
-    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.intp))
+def thin(n: int, max_count: int) -> NDArray[np.intp]:
+    """Return at most `max_count` indices of `n`, evenly spaced from the first to the last."""
+    return np.unique(np.linspace(0, n - 1, min(n, max_count)).round().astype(np.intp))
 
 
 # By format, the metadata entry that matplotlib sets to the date, unless the entry is None.

@@ -66,14 +66,14 @@ class ReportPart:
 
 def for_each_experiment(
     figure: Callable[[Any, float], Figure],
-    shown: Iterable[tuple[str, Any]],
+    items: Iterable[tuple[str, Any]],
     width: float,
-    says: str,
+    caption: str,
 ) -> tuple[Drawing, ...]:
-    """Return a drawing for each pair (label, data) in `shown`; a label begins the caption."""
+    """Return a drawing for each pair (label, data) in `items`; a label begins the caption."""
     return tuple(
-        Drawing(figure, (data, width), says=f"{label}: {says}" if label else says)
-        for label, data in shown
+        Drawing(figure, (data, width), says=f"{label}: {caption}" if label else caption)
+        for label, data in items
     )
 
 

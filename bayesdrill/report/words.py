@@ -50,7 +50,7 @@ def _columns(observation: Observation, config: Config) -> str:
         how = f"hold: {held}" if entry in experiment.series else "angle"
         lines.append(_line(entry, f"input, {how}", given, values))
     sampling = clocks.describe_times(experiment.t)
-    return f"{observation.entitled('columns')} ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
+    return f"{observation.title('columns')} ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
 
 
 def record_made(problem: Problem) -> tuple[str, ...]:
@@ -64,7 +64,7 @@ def record_made(problem: Problem) -> tuple[str, ...]:
         every = ", ".join(f"{count} of {name}" for count, name in seen)
         partly = set(experiment.counts) != {total}
         some = [f"measured: {every}, at {total} times"] if partly else []
-        sentences += _of_experiment(observation, [*times, *some, *experiment.told])
+        sentences += _of_experiment(observation, [*times, *some, *experiment.notes])
     for observation in apart:
         sentences.append(
             f"{observation.label}, all its {observation.n_measured} samples are held out, "

@@ -125,9 +125,9 @@ def _of_experiments(problem: Problem) -> dict[str, str]:
             facts["the kind of noise"] = str(observation.key)
         for k, sigma in observation.noise.fixed_values().items():
             facts[f"the noise of {names[k]}"] = repr(sigma)
-        entries |= {observation.entitled(name): value for name, value in facts.items()}
+        entries |= {observation.title(name): value for name, value in facts.items()}
     for observation in problem.posterior.likelihood.held_out:
-        entries[observation.entitled("what counts")] = "nothing: it is held out"
+        entries[observation.title("what counts")] = "nothing: it is held out"
     return entries
 
 
@@ -160,7 +160,7 @@ def _noise_held(config: Config, problem: Problem, display_units: DisplayUnits) -
                 channel = observation.experiment.names[k]
                 shown = joint_name(config, noise_name(channel), observation.label)
                 text = display_units.format_value(shown, sigma, 6)
-                entries[observation.entitled(f"the noise of {channel}")] = text
+                entries[observation.title(f"the noise of {channel}")] = text
     return entries
 
 

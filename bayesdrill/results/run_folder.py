@@ -28,10 +28,10 @@ AGAIN = "delete it and continue with --resume, which computes it again"
 COMPUTED_AGAIN = f"is damaged; {AGAIN}"
 
 
-def chain_mark(pieces: Sequence[Sequence[ChainSegment]]) -> str:
+def chain_mark(chains: Sequence[Sequence[ChainSegment]]) -> str:
     """Return a digest of a chain that does not depend on the lengths of its segments."""
     digest = hashlib.sha256()
-    for chain in pieces:
+    for chain in chains:
         digest.update(np.concatenate([piece.log_p for piece in chain]))
     return digest.hexdigest()
 
@@ -50,7 +50,7 @@ def _consistent(piece: ChainSegment) -> ChainSegment:
     return piece
 
 
-def chain_image(pieces: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> bytes:
+def chain_image(chains: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> bytes:
     """Return the HDF5 file of a chain or segment as bytes, since HDF5 crashes on a full disk.
 
     Each ensemble is a group `ensemble_<k>` in the layout of `emcee.backends.HDFBackend`.
@@ -60,7 +60,7 @@ def chain_image(pieces: list[list[ChainSegment]], attributes: Mapping[str, Any])
     # HDF5 cannot open two files with one name, even in memory; the bytes do not contain the name.
     name = f"chain.{threading.get_native_id()}.h5"
     with h5py.File(name, "w", driver="core", backing_store=False) as file:
-        for ensemble, parts in enumerate(pieces):
+        for ensemble, parts in enumerate(chains):
             group = file.create_group(f"ensemble_{ensemble}")
             _write_ensemble(group, parts, attributes)
             seal(group)
@@ -388,12 +388,12 @@ class Folder:
                 take(name, 0)
         return read_pieces
 
-    def finish_chain(self, pieces: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> None:
+    def finish_chain(self, chains: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> None:
         """Write `chain.h5` in emcee's layout, and remove the files of segments."""
         if not self._unfinished():
             return  # the chain is already complete
         output_files.write(
-            self.path_of(CHAIN), chain_image(pieces, {"run": self.run, **attributes})
+            self.path_of(CHAIN), chain_image(chains, {"run": self.run, **attributes})
         )
         output_files.remove_outputs(self.path, output_files.UNFINISHED)
 

@@ -341,26 +341,26 @@ def thinned(chains: Array, burn_in: int, thin: int) -> Array:
 
 
 def futility(
-    trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most: int
+    trail: Sequence[tuple[int, float]], target: float, allowed: int, step_limit: int
 ) -> Finding | None:
     """Return why more steps would not help, or None.
 
-    `trail` has the steps and N/tau at each check, and `wanted` is the target of N/tau.  `allowed`
-    is `sampler.max_steps`; `most` is the smaller of `allowed` and the length that fits in memory.
+    `trail` has the steps and N/tau at each check, and `target` is the target of N/tau.  `allowed`
+    is `sampler.max_steps`; `step_limit` is the smaller of `allowed` and the length that fits in memory.
     """
     steps, n_tau = trail[-1]
-    if steps < MIN_STEPS_TO_STOP or n_tau >= wanted:
+    if steps < MIN_STEPS_TO_STOP or n_tau >= target:
         return None
     earlier = [(n, count) for n, count in trail if n <= steps / 2]
     if earlier and n_tau < MIN_N_TAU_GROWTH * earlier[-1][1]:
         n, count = earlier[-1]
         numbers = {"tau": n / count, "steps": n, "late_tau": steps / n_tau, "late_steps": steps}
         return Finding("stopped early, as tau grows", {}, numbers)
-    needed = steps * wanted / n_tau
-    if needed <= most:
+    needed = steps * target / n_tau
+    if needed <= step_limit:
         return None
-    kind = "more steps than max_steps" if most == allowed else "more steps than fit in memory"
-    return Finding(kind, {}, {"needed": needed, "most": most})
+    kind = "more steps than max_steps" if step_limit == allowed else "more steps than fit in memory"
+    return Finding(kind, {}, {"needed": needed, "most": step_limit})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -111,7 +111,7 @@ def prepare(
     report.update(0.0, "learning the proposal")
     random = np.random.RandomState(seeds.bits(seed, "learn", 0))
     z = posterior.coordinates.from_physical(maxima)
-    max_added_ridges, modes = (MAX_ADDED_RIDGES, z) if fits(posterior, maxima) else (0, z[:1])
+    max_added_ridges, modes = (MAX_ADDED_RIDGES, z) if model_fits(posterior, maxima) else (0, z[:1])
     surface = _PooledLogDensity(pool)
     rng = seeds.stream(seed, "learn", 1)
     # Ridges begin at maxima of the density over the coordinates, where most of the mass is.
@@ -124,7 +124,7 @@ def prepare(
     return learn(surface, list(central), random, rng, max_added_ridges, report, check=check)
 
 
-def fits(posterior: Posterior, maxima: Array) -> bool:
+def model_fits(posterior: Posterior, maxima: Array) -> bool:
     """Return whether the residuals at the highest of `maxima (M, D)` are about as large as the noise."""
     misfit = float(posterior.likelihood.mean_square(maxima[:1])[0])
     return misfit < MAX_BELIEVABLE_RMS**2
@@ -172,7 +172,7 @@ def begin_walkers(
         z[missing], log_p[missing] = fresh, posterior(fresh)
         missing = ~(log_p > log_p.max() - MAX_START_DEPTH)
         if mirrored < 0:
-            missing |= log_p > proposal.high(mixture.log_density(z))
+            missing |= log_p > proposal.trapping_log_p(mixture.log_density(z))
         if not missing.any():
             return State(z, log_p, seeds.legacy_state(seed, "walk", ensemble))
     raise NoSupportError("no point of finite posterior was found around the maximum")
@@ -199,8 +199,8 @@ class SamplingResult:
     """A sampling result has the chains of a run, their convergence, and estimates from them.
 
     `theta (E, S, W, D)` is physical, and `segments` are the saved segments of each ensemble.
-    `mode_shares (M,)` are the fractions of the draws at each maximum; they and the proposal
-    `learnt` are None for a chain read from files.  `with_evidence` computes `evidence`.
+    `mode_shares (M,)` are the fractions of the draws at each maximum; they and the
+    `proposal` are None for a chain read from files.  `with_evidence` computes `evidence`.
     `compression` compares compressed likelihoods with exact ones.  `missed` estimates the posterior
     mass that the proposal hardly reaches.
     """
@@ -208,7 +208,7 @@ class SamplingResult:
     segments: list[list[ChainSegment]]
     theta: Array
     convergence: Convergence
-    learnt: LearnedProposal | None = None
+    proposal: LearnedProposal | None = None
     mode_shares: Array | None = None
     evidence: Evidence | None = None
     compression: CompressionCheck | None = None
@@ -325,23 +325,23 @@ def sample(
         pool=pool, proposal=learnt.proposal, plan=plan, backend=backend, segments=segments
     )
     most = plan.most_steps(maxima.shape[1])
-    if not fits(posterior, maxima):
+    if not model_fits(posterior, maxima):
         most = min(most, MAX_STEPS_OF_A_MISFIT)
     sampled = _run_until_converged(under_way, most, report)
     report.update(1.0, "")
     z = posterior.coordinates.from_physical(sampled.draws.reshape(-1, maxima.shape[1]))
-    shares = learnt.shares(z, len(maxima))
-    sampled = dataclasses.replace(sampled, learnt=learnt, mode_shares=shares)
+    shares = learnt.mode_fractions(z, len(maxima))
+    sampled = dataclasses.replace(sampled, proposal=learnt, mode_shares=shares)
     return sampled.with_missed(learnt.missed)
 
 
 def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> SamplingResult:
     """Return a copy with the evidence of the posterior; without a learnt proposal, `sampled` itself."""
-    if sampled.learnt is None:
+    if sampled.proposal is None:
         return sampled
     since = sampled.convergence.burn_in
     z, log_p = (_stack(sampled.segments, name)[:, since:] for name in ("z", "log_p"))
-    estimate = evidence(posterior, sampled.learnt.proposal, z, log_p, seed)
+    estimate = evidence(posterior, sampled.proposal.proposal, z, log_p, seed)
     draws = sampled.draws.reshape(-1, z.shape[-1])
     shift = None if estimate is None else evidence_shift(posterior, draws)
     if estimate is not None and shift is not None:
@@ -349,13 +349,13 @@ def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> S
     return dataclasses.replace(sampled, evidence=estimate)
 
 
-def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> SamplingResult:
-    """Advance until the targets are met, more steps would not help, or there are `most` steps.
+def _run_until_converged(under_way: _Walk, step_limit: int, report: Reporter) -> SamplingResult:
+    """Advance until the targets are met, more steps would not help, or there are `step_limit` steps.
 
     Only the chain determines the steps of the checks, so a resumed run checks at the same steps.
     """
     posterior, plan, have = under_way.pool.posterior, under_way.plan, max(under_way.steps)
-    last = max(most, have)
+    last = max(step_limit, have)
     goal = min(FIRST_CHECK, last)
     trail: list[tuple[int, float]] = []
     share = 0.01
@@ -369,7 +369,7 @@ def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> Sampl
         theta = _physical(posterior, _stack(under_way.segments, "z", goal))
         measured = chain_length(theta)
         trail.append((goal, measured.n_tau))
-        hopeless = futility(trail, plan.targets.n_tau, plan.max_steps, most)
+        hopeless = futility(trail, plan.targets.n_tau, plan.max_steps, step_limit)
         ending = hopeless is not None or goal == last
         following = min(measured.next_check(goal, plan.targets.n_tau), last)
         # Before a run was interrupted, it already found that its shorter chains had not converged.

@@ -81,11 +81,11 @@ def _draw(posterior: Posterior, mixture: Mixture, n: int, random: Random) -> Arr
     return np.concatenate(log_ratios) if log_ratios else np.empty(0)
 
 
-def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
+def bridge(on_chain: Array, drawn: Array, n_tries: int) -> Evidence | None:
     """Solve the bridge equation for the evidence (Meng and Wong 1996).
 
     `on_chain (E, S, W)` and `drawn (n,)` are log (p/q) at the walkers' steps and at n of
-    `tried` draws of q; p = 0 at the rest.  With N steps, let s = N / (N + tried) and t = 1 - s.
+    `n_tries` draws of q; p = 0 at the rest.  With N steps, let s = N / (N + tried) and t = 1 - s.
     For w = p/q, `Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]`.  Terms of the means are bounded.
     """
     drawn = drawn[np.isfinite(drawn)]
@@ -93,25 +93,25 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
         return None
     median = float(np.median(on_chain))
     p, q = (np.exp(np.clip(x - median, -MAX_LOG_RATIO, MAX_LOG_RATIO)) for x in (on_chain, drawn))
-    s = on_chain.size / (on_chain.size + tried)
+    s = on_chain.size / (on_chain.size + n_tries)
     t = 1.0 - s
     z, before = 1.0, 0.0
     for _ in range(MAX_ITERATIONS):
         of_q, of_p = q / (s * q + t * z), z / (s * p + t * z)  # both are bounded, however small z
-        before, z = z, z * float(of_q.sum() / tried / of_p.mean())
+        before, z = z, z * float(of_q.sum() / n_tries / of_p.mean())
         if abs(z - before) < RELATIVE_TOLERANCE * z:
             break
     # Steps of one walker are correlated, so the error comes from the means of the walkers.
     walkers = of_p.mean(axis=1).ravel()
-    mean_q = float(of_q.sum() / tried)
-    spread_q = float((of_q**2).sum() / tried) / mean_q**2 - 1.0
+    mean_q = float(of_q.sum() / n_tries)
+    spread_q = float((of_q**2).sum() / n_tries) / mean_q**2 - 1.0
     spread_p = float((walkers / walkers.mean()).var(ddof=1))  # scaled, to square no tiny numbers
-    chance = math.sqrt(spread_q / tried + spread_p / len(walkers))
-    error = math.hypot(chance, _disagreement(q, tried, z))
+    chance = math.sqrt(spread_q / n_tries + spread_p / len(walkers))
+    error = math.hypot(chance, _disagreement(q, n_tries, z))
     return Evidence(log_z=median + math.log(z), error=error, overlap=min(mean_q, 1.0))
 
 
-def _disagreement(w: Array, tried: int, z: float) -> float:
+def _disagreement(w: Array, n_tries: int, z: float) -> float:
     """Return the distance of log `z` from the importance sampling estimate, 0 if it may be chance.
 
     `w (n,)` are the weights p/q of draws of q.  The estimates differ if walkers do not cross
@@ -119,7 +119,7 @@ def _disagreement(w: Array, tried: int, z: float) -> float:
     """
     largest = float(w.max())  # the squares of very small weights would underflow
     scaled = w / largest
-    log_z = math.log(largest) + math.log(float(scaled.sum()) / tried)
-    chance = math.sqrt(max(0.0, float((scaled**2).sum() / scaled.sum() ** 2) - 1.0 / tried))
+    log_z = math.log(largest) + math.log(float(scaled.sum()) / n_tries)
+    chance = math.sqrt(max(0.0, float((scaled**2).sum() / scaled.sum() ** 2) - 1.0 / n_tries))
     distance = abs(math.log(z) - log_z)
     return distance if distance > MAX_DISAGREEMENT * chance else 0.0

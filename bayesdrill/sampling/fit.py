@@ -45,8 +45,8 @@ class FitPlan:
     """A plan says how a posterior is fitted.
 
     The `optimiser` searches for the MAP from `starts`, with at most `evaluations` each.  `chains` are
-    the settings of the ensembles.  Records with more than `shortest` samples are compressed, or
-    none if `shortest` is None.  A `brief` fit stops after one converged search, without evidence.
+    the settings of the ensembles.  Records with more than `max_exact` samples are compressed, or
+    none if `max_exact` is None.  A `brief` fit stops after one converged search, without evidence.
     """
 
     optimiser: Optimiser
@@ -54,7 +54,7 @@ class FitPlan:
     evaluations: int
     chains: Plan
     brief: bool = False
-    shortest: int | None = COMPRESSED_FROM
+    max_exact: int | None = COMPRESSED_FROM
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ def searching_processes(posterior: Posterior, plan: FitPlan, processes: int) -> 
 
 def _excerpt(posterior: Posterior, plan: FitPlan) -> Posterior | None:
     """Return the posterior of the first samples of long records, or None to search all samples."""
-    return None if plan.shortest is None else compression.excerpt(posterior)
+    return None if plan.max_exact is None else compression.excerpt(posterior)
 
 
 def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> PendingSearches:
@@ -153,7 +153,7 @@ def _searched_on(
     first = pool.submit_function(mode_search.summarise, excerpt, tuple(searches), scouted).result()
     maxima, heights = mode_search.modes(excerpt, first), [m.log_posterior for m in first.maxima]
     relevant = maxima[np.array(heights) > heights[0] - compression.DEPTH]
-    points = compression.nearby(excerpt, relevant)
+    points = compression.points_about(excerpt, relevant)
     known = compression.compressions(pool.posterior, points)
     longer = compression.longer_excerpt(pool.posterior, excerpt, known)
     if longer is not None:
@@ -167,19 +167,19 @@ def _searched_on(
     return replace(mode, left_out=first.left_out)
 
 
-def compress_about(pool: WorkerPool, mode: Mode, shortest: int | None) -> None:
-    """Compress records with more than `shortest` samples, for parameters near the maximum.
+def compress_about(pool: WorkerPool, mode: Mode, max_exact: int | None) -> None:
+    """Compress records with more than `max_exact` samples, for parameters near the maximum.
 
-    If `shortest` is zero, a record that cannot be compressed raises `CompressionError`.
+    If `max_exact` is zero, a record that cannot be compressed raises `CompressionError`.
     """
     posterior = pool.posterior
     observations = posterior.likelihood.observations
-    if shortest is not None and any(compression.is_long(o, shortest) for o in observations):
+    if max_exact is not None and any(compression.is_long(o, max_exact) for o in observations):
         # Uncompressed records are used, so that a resumed run has the same basis functions.
         exact = compression.uncompressed(posterior)
-        points = compression.nearby(exact, posterior.space.vector(mode.values)[None])
-        strict = shortest == 0
-        pool.compress(compression.compressions(posterior, points, shortest, strict=strict))
+        points = compression.points_about(exact, posterior.space.vector(mode.values)[None])
+        strict = max_exact == 0
+        pool.compress(compression.compressions(posterior, points, max_exact, strict=strict))
 
 
 def sample_maxima(
@@ -189,7 +189,7 @@ def sample_maxima(
 
     The pool already has the steps `mode.pieces`.  Raises `NoSupportError` if no walker can start.
     """
-    compress_about(pool, mode, plan.shortest)
+    compress_about(pool, mode, plan.max_exact)
     maxima = mode_search.modes(pool.posterior, mode)
     return sample(pool, maxima, plan.chains, backend, report).with_reasons(mode.doubts)
 

@@ -48,14 +48,14 @@ def gauss_newton(
     exact: bool = False,
     merged: float = 0.0,
     depth: float = math.inf,
-    least: float = -math.inf,
+    threshold: float = -math.inf,
 ) -> GaussNewtonResult:
     """Climb from each point of `start (W, D)` in at most `steps` steps.
 
     With `exact`, second derivatives are included (Newton's method), which helps in the last steps.
     A point that is closer than `merged` (in the priors' spreads) to a higher point gets the value
     -inf.  The pace of a climb is the smaller of the gain that the model predicts and the largest
-    gain of the last steps.  A climb stops if at this pace it would end below `least`, or more than
+    gain of the last steps.  A climb stops if at this pace it would end below `threshold`, or more than
     `depth` below the highest point.  With a finite `depth`, climbs also stop near lower maxima.
     """
     u = np.clip(start, surface.low, surface.high)
@@ -72,7 +72,7 @@ def gauss_newton(
         gain[now] = newton_gain(surface, u[now], here)
         pace = np.minimum(gain[now], gained[:, now].max(axis=0))
         reach = value[now] + left * pace
-        hopeful = reach >= max(value.max() - depth, least)
+        hopeful = reach >= max(value.max() - depth, threshold)
         if math.isfinite(depth):
             hopeful &= (reach >= value.max()) | (gain[now] > SETTLED_GAIN)
         under_way[now], now, here = hopeful, now[hopeful], here.rows(hopeful)
@@ -140,12 +140,12 @@ def _damped_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: A
 
 
 def _back_to_ridge(
-    surface: LogDensity, u: Array, value: Array, wanted: Array
+    surface: LogDensity, u: Array, value: Array, threshold: Array
 ) -> tuple[Array, Array]:
-    """Move points with log density below `wanted` along tight directions, to a curved ridge."""
+    """Move points with log density below `threshold` along tight directions, to a curved ridge."""
     u, value = u.copy(), value.copy()
     for _ in range(MAX_CORRECTIONS):
-        low = np.flatnonzero((value < wanted) & np.isfinite(value))
+        low = np.flatnonzero((value < threshold) & np.isfinite(value))
         if len(low) == 0:
             break
         here = _gauss_newton_model(surface, u[low])

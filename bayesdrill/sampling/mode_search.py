@@ -159,8 +159,8 @@ def _finished_search(posterior: Posterior, start: Array, optimum: Optimum) -> Se
     if polished.value[0] > value:
         u, value, settled = polished.u, float(polished.value[0]), bool(polished.converged[0])
     return Search(
-        start=_named(posterior, start),
-        end=_named(posterior, posterior.coordinates.to_physical(u)[0]),
+        start=_by_name(posterior, start),
+        end=_by_name(posterior, posterior.coordinates.to_physical(u)[0]),
         log_posterior=value,
         evaluations=optimum.evaluations,
         settled=settled,
@@ -177,27 +177,27 @@ def multi_start(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
 def summarise(
     posterior: Posterior,
     searches: tuple[Search, ...],
-    reached: Sequence[tuple[Array, Array]] = (),
+    climbs: Sequence[tuple[Array, Array]] = (),
     *,
     around: bool = True,
 ) -> Mode:
     """Return the highest maximum of all searches, and the others.
 
-    `reached` has further ends of climbs, physical `(n, D)`, with their log densities `(n,)`.  With
+    `climbs` has further ends of climbs, physical `(n, D)`, with their log densities `(n,)`.  With
     `around`, the neighbourhood of these maxima is searched for further maxima.
     """
-    reached = [ends for ends in reached if len(ends[0])]
+    climbs = [ends for ends in climbs if len(ends[0])]
     if steps := step_error.chosen_steps(posterior):
         best = max(searches, key=lambda search: search.log_posterior)
         posterior = step_error.choose_steps(posterior, posterior.space.vector(best.end))
         # Heights are compared below, so all are computed with the new step sizes.
         if step_error.chosen_steps(posterior) != steps:
             searches = tuple(polished_again(posterior, searches))
-            reached = [(theta, posterior.density(theta)) for theta, _ in reached]
+            climbs = [(theta, posterior.density(theta)) for theta, _ in climbs]
     surface, coordinates = LogDensity(posterior, physical=True), posterior.coordinates
     searched = np.array([posterior.space.vector(s.end) for s in searches])
-    theta = np.concatenate([searched, *(ends[0] for ends in reached)])
-    values = np.concatenate([[s.log_posterior for s in searches], *(ends[1] for ends in reached)])
+    theta = np.concatenate([searched, *(ends[0] for ends in climbs)])
+    values = np.concatenate([[s.log_posterior for s in searches], *(ends[1] for ends in climbs)])
     ends, heights = _distinct_maxima(surface, coordinates.from_physical(theta), values)
     ends, heights, left_out = _search_around(surface, ends, heights, SEARCH_ROUNDS * around)
     theta = coordinates.to_physical(ends)
@@ -210,14 +210,14 @@ def summarise(
         here.slope[0],
     )
     return Mode(
-        values=_named(posterior, theta[0]),
+        values=_by_name(posterior, theta[0]),
         log_posterior=float(heights[0]),
-        slope=_named(posterior, inward / conditional),
+        slope=_by_name(posterior, inward / conditional),
         gain=float(newton_gain(surface, ends[:1], here)[0]),
-        at_bound=_at_bound(posterior, _named(posterior, theta[0])),
+        at_bound=_at_bound(posterior, _by_name(posterior, theta[0])),
         searches=searches,
         others=tuple(
-            LocalMaximum(values=_named(posterior, point), log_posterior=float(height))
+            LocalMaximum(values=_by_name(posterior, point), log_posterior=float(height))
             for point, height in zip(theta[1:], heights[1:], strict=True)
         ),
         steps={u.name: u.scale for u in posterior.space.unknowns if u.signed},
@@ -227,36 +227,36 @@ def summarise(
 
 
 def _distinct_maxima(
-    surface: LogDensity, points: Array, values: Array, known: int = 0
+    surface: LogDensity, points: Array, values: Array, n_known: int = 0
 ) -> tuple[Array, Array]:
     """Climb from `points (n, D)` to distinct maxima `(M, D)`; return them and their heights `(M,)`.
 
-    The highest comes first.  The first `known` points are maxima already.
+    The highest comes first.  The first `n_known` points are maxima already.
     """
-    distinct = multiple_modes.distinct_modes(surface, points, values, known)
-    fresh = [k for k in distinct if k >= known]
+    distinct = multiple_modes.distinct_modes(surface, points, values, n_known)
+    fresh = [k for k in distinct if k >= n_known]
     ends, heights = points.copy(), values.copy()
     polished = gauss_newton(surface, points[fresh], POLISH_STEPS, exact=True)
     better = polished.value > values[fresh]
     ends[fresh] = np.where(better[:, None], polished.u, points[fresh])
     heights[fresh] = np.where(better, polished.value, values[fresh])
     ends, heights = ends[sorted(distinct)], heights[sorted(distinct)]
-    known = len(distinct) - len(fresh)
+    n_known = len(distinct) - len(fresh)
     # Two of the points may have climbed to the same maximum.
-    order = multiple_modes.distinct_modes(surface, ends, heights, known)
+    order = multiple_modes.distinct_modes(surface, ends, heights, n_known)
     return ends[order], heights[order]
 
 
 def _search_around(
-    surface: LogDensity, ends: Array, heights: Array, rounds: int
+    surface: LogDensity, maxima: Array, heights: Array, rounds: int
 ) -> tuple[Array, Array, float]:
-    """Search around maxima `ends (M, D)` and, in further `rounds`, around newly found maxima.
+    """Search around `maxima (M, D)` and, in further `rounds`, around newly found maxima.
 
     Returns the maxima with the most mass, their heights, and the mass of all dropped maxima.
     """
-    visited, left_out = np.empty((0, ends.shape[1])), 0.0
+    visited, left_out = np.empty((0, maxima.shape[1])), 0.0
     for _ in range(rounds):
-        fresh = [u for u in ends if not (visited == u).all(axis=1).any()][:MAX_CENTRES]
+        fresh = [u for u in maxima if not (visited == u).all(axis=1).any()][:MAX_CENTRES]
         visited = np.concatenate([visited, *(u[None] for u in fresh)])
         around = [starts for u in fresh for starts in multiple_modes.nearby_starts(surface, u)]
         left_out = max([left_out, *(nearby.missed_share for nearby in around)])
@@ -267,14 +267,14 @@ def _search_around(
             highest = np.argsort(-surface.value(starts), kind="stable")
             starts = starts[highest[:MAX_STEPPED_STARTS]]
         more, values = multiple_modes.best_ends(surface, starts, multiple_modes.MAX_NEARBY_STARTS)
-        candidates = np.concatenate([ends, more]), np.concatenate([heights, values])
-        ends, heights = _distinct_maxima(surface, *candidates, known=len(ends))
-    shares = multiple_modes.shares_held(surface.posterior, ends)
+        candidates = np.concatenate([maxima, more]), np.concatenate([heights, values])
+        maxima, heights = _distinct_maxima(surface, *candidates, n_known=len(maxima))
+    shares = multiple_modes.shares_held(surface.posterior, maxima)
     order = np.argsort(-shares, kind="stable")
     n_kept = int(np.searchsorted(np.cumsum(shares[order]), 1.0 - NEGLIGIBLE_MASS)) + 1
     selected = np.union1d(order[: min(n_kept, MAX_MAXIMA)], 0)  # the highest is always kept
     left_out = 1.0 - (1.0 - left_out) * float(shares[selected].sum())
-    return ends[selected], heights[selected], left_out
+    return maxima[selected], heights[selected], left_out
 
 
 def _polished(surface: LogDensity, u: Array) -> GaussNewtonResult:
@@ -290,7 +290,7 @@ def polished_again(posterior: Posterior, searches: Sequence[Search]) -> list[Sea
     values = np.nan_to_num(polished.value, neginf=LOWEST_LOG_DENSITY)
     ends = posterior.coordinates.to_physical(polished.u)
     return [
-        replace(search, end=_named(posterior, theta), log_posterior=float(value))
+        replace(search, end=_by_name(posterior, theta), log_posterior=float(value))
         for search, theta, value in zip(searches, ends, values, strict=True)
     ]
 
@@ -316,5 +316,5 @@ def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, .
     return tuple(close)
 
 
-def _named(posterior: Posterior, theta: Array) -> dict[str, float]:
+def _by_name(posterior: Posterior, theta: Array) -> dict[str, float]:
     return {name: float(x) for name, x in zip(posterior.space.free, theta, strict=True)}

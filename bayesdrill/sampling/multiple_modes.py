@@ -41,30 +41,34 @@ GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # for uneven spacing of the probes
 KNOWN_BONUS = 1e-6  # in log density: a new point must be higher by this to replace a known maximum
 
 
-def best_ends(surface: LogDensity, starts: Array, most: int = MAX_STARTS) -> tuple[Array, Array]:
-    """Climb from `starts (n, D)`; return at most `most` ends `(m, D)` and their log densities `(m,)`."""
+def best_ends(
+    surface: LogDensity, starts: Array, max_ends: int = MAX_STARTS
+) -> tuple[Array, Array]:
+    """Climb from `starts (n, D)`; return up to `max_ends` ends `(m, D)`, and log densities `(m,)`."""
     first = gauss_newton(surface, starts, FIRST_STEPS)
     order = np.argsort(-first.value, kind="stable")
     cells = np.rint((first.u[order] - surface.low) / (CELL_SIZE * surface.spread))
-    best = order[np.sort(np.unique(cells, axis=0, return_index=True)[1])][:most]
+    best = order[np.sort(np.unique(cells, axis=0, return_index=True)[1])][:max_ends]
     climbed = gauss_newton(surface, first.u[best], LAST_STEPS)
     good = np.isfinite(climbed.value)
     return climbed.u[good], climbed.value[good]
 
 
-def distinct_modes(surface: LogDensity, points: Array, values: Array, known: int = 0) -> list[int]:
+def distinct_modes(
+    surface: LogDensity, points: Array, values: Array, n_known: int = 0
+) -> list[int]:
     """Return the indices of `points (n, D)` that are distinct maxima, the highest first.
 
-    The first `known` points are distinct maxima, and replace other points on their ridges.
+    The first `n_known` points are distinct maxima, and replace other points on their ridges.
     """
-    rank = values + np.where(np.arange(len(values)) < known, KNOWN_BONUS, 0.0)
+    rank = values + np.where(np.arange(len(values)) < n_known, KNOWN_BONUS, 0.0)
     order = [int(k) for k in np.argsort(-rank, kind="stable")]
     remaining = [k for k in order if values[k] >= values[order[0]] - NEGLIGIBLE_DEPTH]
     distinct: list[int] = []
     while remaining:
         highest, *lower = remaining
         distinct.append(highest)
-        fresh = [k for k in lower if k >= known]
+        fresh = [k for k in lower if k >= n_known]
         if not fresh:
             return [*distinct, *lower]
         others = points[fresh]
@@ -113,16 +117,18 @@ def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> Flags:
     return np.asarray(arrived & (np.linalg.norm(sds, axis=1) < SAME_RIDGE_SDS))
 
 
-def shares_held(posterior: Posterior, ends: Array) -> Array:
-    """Return the posterior mass of each maximum `ends (M, D)` by Laplace's method: `(M,)`, sum 1."""
-    if len(ends) == 1:
+def shares_held(posterior: Posterior, maxima: Array) -> Array:
+    """Return the posterior mass of `maxima (M, D)` by Laplace's method: `(M,)`, sum 1."""
+    if len(maxima) == 1:
         return np.ones(1)
     surface = LogDensity(posterior)
-    here = surface.quadratic_model(ends, np.eye(ends.shape[1]))
-    scaled = here.curvature * np.outer(surface.spread, surface.spread) + np.eye(ends.shape[1])
+    here = surface.quadratic_model(maxima, np.eye(maxima.shape[1]))
+    scaled = here.curvature * np.outer(surface.spread, surface.spread) + np.eye(maxima.shape[1])
     log_mass = here.value - 0.5 * np.linalg.slogdet(scaled)[1]
     log_mass = np.where(np.isfinite(log_mass), log_mass, -np.inf)
-    mass = np.exp(log_mass - log_mass.max()) if np.isfinite(log_mass).any() else np.ones(len(ends))
+    mass = (
+        np.exp(log_mass - log_mass.max()) if np.isfinite(log_mass).any() else np.ones(len(maxima))
+    )
     return np.asarray(mass / mass.sum())
 
 
@@ -254,7 +260,7 @@ def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Arr
     """Return aliases of `omega` from `low` to `high` in rad/s, the most similar samples first."""
     patterns: dict[bytes, Array] = {}
     for observation in posterior.likelihood.observations:
-        for sampled in observation.experiment.seen.T:
+        for sampled in observation.experiment.is_measured.T:
             t = observation.experiment.t[sampled]
             patterns[t.tobytes()] = t
     omegas, similarities = [np.empty(0)], [np.empty(0)]
@@ -323,18 +329,18 @@ def _frequency_range(surface: LogDensity, u: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def _at_frequencies(surface: LogDensity, u: Array, pair: int, wanted: Array) -> Array:
-    """Return points `(m, D)` at which a pole pair has the `wanted (n,)` frequencies, in rad/s.
+def _at_frequencies(surface: LogDensity, u: Array, pair: int, frequencies: Array) -> Array:
+    """Return points `(m, D)` at which a pole pair has `frequencies (n,)` in rad/s.
 
     Points are near `u (D,)` in priors' spreads; a frequency that priors exclude gets no point.
     """
     observations = surface.posterior.likelihood.observations
     span = max(float(np.ptp(observation.experiment.t)) for observation in observations)
-    tolerance = SAME_ALIAS / (span * wanted)
-    points = np.repeat(u[None], len(wanted), axis=0)
+    tolerance = SAME_ALIAS / (span * frequencies)
+    points = np.repeat(u[None], len(frequencies), axis=0)
     for _ in range(MAX_ITERATIONS):
         logs, slope = _slopes(surface, points, pair)
-        change = np.log(wanted) - logs
+        change = np.log(frequencies) - logs
         done = np.abs(change) < tolerance
         # Unknowns at bounds do not move outwards.  Points whose pair does not oscillate stop.
         towards = slope * np.where(np.isfinite(change), change, 0.0)[:, None]

@@ -69,12 +69,12 @@ ONE_THREAD = _OneThread()
 class _Form:
     """A form has the step sizes and compressed records that workers apply to their posterior."""
 
-    steps: Mapping[str, StepSizes] = field(default_factory=dict)
+    step_sizes: Mapping[str, StepSizes] = field(default_factory=dict)
     compressions: Compressions = field(default_factory=dict)
     version: int = 0
 
     def of_posterior(self, posterior: Posterior) -> Posterior:
-        return compressed(step_error.with_steps(posterior, self.steps), self.compressions)
+        return compressed(step_error.with_steps(posterior, self.step_sizes), self.compressions)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +163,7 @@ class WorkerPool:
     def compress(self, compressions: Compressions) -> None:
         """Use the posterior with these compressed records from now on (`inference.compression`)."""
         if compressions:
-            self._change(_Form(self._form.steps, compressions, self._form.version + 1))
+            self._change(_Form(self._form.step_sizes, compressions, self._form.version + 1))
 
     def _change(self, form: _Form) -> None:
         self._form, self.posterior = form, form.of_posterior(self.posterior)

@@ -18,13 +18,13 @@ NOT_OF_MODEL = ("map", "sampler", "output", "simulation")  # entries without eff
 
 @dataclass(frozen=True, slots=True)
 class CandidateModel:
-    """A candidate model is the model of the job `given`, with some `changes` or none.
+    """A candidate model is the model of the job `base` with some `changes` or none.
 
     `neutral` has further parameters of the rig, with values at which they have no effect.  With these,
     all candidates of one kind have the same parameters, so their refits share compiled kernels.
     """
 
-    given: Job
+    base: Job
     changes: tuple[Change, ...]
     neutral: Mapping[str, float] = NOTHING
 
@@ -43,7 +43,7 @@ class CandidateModel:
         """Return the entries of all changes, which override those of the given config."""
         entries = merged({}, *(change.entries for change in self.changes))
         if SHARED in entries:
-            before = self.given.source.data.get(SHARED, ())
+            before = self.base.source.data.get(SHARED, ())
             entries[SHARED] = [*dict.fromkeys((*before, *entries[SHARED]))]
         return entries
 
@@ -56,7 +56,7 @@ class CandidateModel:
     @property
     def data(self) -> Entries:
         """Return all entries of the changed config that affect the posterior."""
-        given = self.given.source.data.items()
+        given = self.base.source.data.items()
         return merged({k: x for k, x in given if k not in NOT_OF_MODEL}, self.entries)
 
     def owner(self, unknown: str) -> str:
@@ -69,7 +69,7 @@ class CandidateModel:
     def job(self, *, shared: bool = False) -> Job:
         """Return the changed job, with neutral parameters if `shared`; `InputError` if it is invalid."""
         neutral = {"parameters": self.neutral} if shared and self.neutral else {}
-        return self.given.with_data(merged(neutral, self.data))
+        return self.base.with_data(merged(neutral, self.data))
 
 
 class CandidateModels(Setting):
@@ -83,9 +83,9 @@ class CandidateModels(Setting):
         """Return candidates with one change (no scale); `absorbing` selects those without a cause."""
         changes = (x for x in self.changes.values() if not x.name.startswith(SCALE))
         selected = [change for change in changes if change.absorbs == absorbing]
-        return self.rungs((change.name,) for change in selected if not change.needs)
+        return self.rungs((change.name,) for change in selected if not change.requires)
 
-    def beyond(self, names: tuple[str, ...], more: Iterable[str]) -> list[CandidateModel]:
+    def extensions(self, names: tuple[str, ...], more: Iterable[str]) -> list[CandidateModel]:
         """Return the candidates with the changes `names` and one of `more`, if they are compatible."""
         if len(names) >= MOST_PARTS:
             return []
@@ -104,7 +104,7 @@ class CandidateModels(Setting):
         """Return whether changes are compatible, and no single change is equivalent to several."""
         changes = [self.changes[name] for name in names if name in self.changes]
         decided = [place for change in changes for place in change.decides]
-        needed = {change.needs for change in changes} - {""}
+        needed = {change.requires for change in changes} - {""}
         freed = {parameter for change in changes for parameter in change.lacks}
         if len(changes) < len(names) or len({*decided}) < len(decided) or not needed <= freed:
             return False

@@ -84,18 +84,18 @@ NOTHING: Mapping[str, float] = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A change of a model has `entries` that override those of the config; `words` describe it.
+    """A change of a model has `entries` that override those of the config; `description` describes it.
 
-    `lacks` are the rig's parameters that the change introduces.  `needs` is a parameter that another
+    `lacks` are the rig's parameters that the change introduces.  `requires` is a parameter that another
     change has to introduce, and `optional` an unknown that may be zero.  A change of physics has a
     `kind`, see `LINEAR`, and `neutral` values without effect.  Searches begin at `starts`.
     """
 
     name: str
-    words: str
+    description: str
     entries: Entries
     lacks: tuple[str, ...] = ()
-    needs: str = ""
+    requires: str = ""
     optional: str = ""
     kind: int = 0
     neutral: Mapping[str, float] = NOTHING
@@ -383,7 +383,7 @@ class Setting:
             starts = tuple({lack.parameter: size * share} for share in shares.tolist())
             margin = HOLDING if kind == COULOMB else 1.0
             priors = {lack.parameter: uniform(size * margin)}
-            yield replace(_physics(lack.name, lack.words, priors, kind), starts=starts)
+            yield replace(_physics(lack.name, lack.description, priors, kind), starts=starts)
         dry = [i for i in roles.inertias if f"friction_{i.name}" in {lack.name for lack in lacks}]
         if len(dry) == 2:
             words = f"dry friction {dry[0].at} and {dry[1].at}"
@@ -426,7 +426,7 @@ class Setting:
         held = uniform(sizes[i.static])
         priors = {i.static: held, i.fading: fading}
         part = _physics(f"static_{i.name}", f"friction at rest {i.at}", priors)
-        yield replace(part, neutral=NOTHING, lacks=(), needs=i.sliding)
+        yield replace(part, neutral=NOTHING, lacks=(), requires=i.sliding)
         words = f"dry friction {i.at} with friction at rest"
         part = _physics(f"sticking_{i.name}", words, {i.sliding: held, **priors})
         speed = {i.fading: FADING_SHARE * largest}

@@ -33,9 +33,9 @@ def uniform(high: float, low: float = 0.0) -> Entries:
     return {"prior": "uniform", "low": rounded(low), "high": rounded(high)}
 
 
-def nested(place: Place, value: Any) -> Entries:
+def nested(path: Place, value: Any) -> Entries:
     """Return nested mappings with `value` at a place, such as `{record: {window: [0, 1]}}`."""
-    for key in reversed(place):
+    for key in reversed(path):
         value = {key: value}
     return dict(value)
 
@@ -55,13 +55,13 @@ def merged(first: Mapping[str, Any], *others: Mapping[str, Any]) -> Entries:
     return entries
 
 
-def leaves(lines: Mapping[str, Any], place: Place = ()) -> Iterator[Place]:
+def leaves(lines: Mapping[str, Any], path: Place = ()) -> Iterator[Place]:
     """Yield the place of each entry in `lines` except `shared`; a prior counts as one entry."""
     for key, value in lines.items():
         if isinstance(value, Mapping) and "prior" not in value:
-            yield from leaves(value, (*place, key))
+            yield from leaves(value, (*path, key))
         elif key != SHARED:
-            yield (*place, key)
+            yield (*path, key)
 
 
 def sections(data: Mapping[str, Any]) -> Iterator[tuple[Place, Entries]]:
@@ -95,17 +95,17 @@ def amended(job: Job, cause: Cause) -> Entries:
 
 
 def as_file(
-    data: Mapping[str, Any], given: Source, folder: Path, about: Sequence[str], name: str = ""
+    data: Mapping[str, Any], base: Source, folder: Path, about: Sequence[str], name: str = ""
 ) -> str:
     """Return the text of a config file for `folder`; it begins with the comments `about`.
 
-    Paths of records become relative to `folder`, and `output` is taken from the config `given`.
+    Paths of records become relative to `folder`, and `output` is taken from the config `base`.
     A `name` replaces the config's name, under which results are stored.
     """
     written = copy.deepcopy({key: entry for key, entry in data.items() if key != "output"})
-    written |= {"output": drawn} if (drawn := given.data.get("output")) else {}
+    written |= {"output": drawn} if (drawn := base.data.get("output")) else {}
     written |= {"name": name} if name else {}
     for _, section in sections(written):
-        sources.rebase(section, given.path.parent, folder)
+        sources.rebase(section, base.path.parent, folder)
     lines = "".join(f"# {line}\n" for line in about)
     return f"{lines}{as_yaml(written)}"

@@ -27,7 +27,7 @@ def scale_entries(job: Job) -> Iterator[tuple[str, str, Entries]]:
         for label, factor in _factors(symbols[name].unit):
             for times in (1 / factor, factor):
                 verb = "multiplied" if times > 1 else "divided"
-                words = f"the value of {name} {verb} by {label} ({_where(job, place)})"
+                words = f"the value of {name} {verb} by {label} ({_location(job, place)})"
                 yield f"{SCALE}{name}_{times:.3g}", words, nested(place, _scaled(entry, times))
     yield from _columns(job)
 
@@ -62,19 +62,19 @@ def _columns(job: Job) -> Iterator[tuple[str, str, Entries]]:
                 for place, entry in places:
                     lines = merged(lines, _rescaled(place, entry, kind, times))
                 verb = "multiplied" if times > 1 else "divided"
-                words = f"the unit of {name} {verb} by {label} ({_where(job, places[0][0])})"
+                words = f"the unit of {name} {verb} by {label} ({_location(job, places[0][0])})"
                 yield f"{SCALE}{name}_{times:.3g}", words, lines
 
 
-def _rescaled(place: Place, entry: Any, kind: str, times: float) -> Entries:
+def _rescaled(path: Place, entry: Any, kind: str, times: float) -> Entries:
     """Return lines that multiply a column or constant by `times`, with another unit or a gain."""
     if not isinstance(entry, dict):
-        return nested(place, rounded(entry * times, 9))
+        return nested(path, rounded(entry * times, 9))
     given = units.factor(entry.get("unit", kind), kind)
     if other := units.unit_of_factor(kind, given * times):
-        return nested((*place, "unit"), other)
+        return nested((*path, "unit"), other)
     gain = entry.get("gain", 1.0)
-    return {} if isinstance(gain, dict) else nested((*place, "gain"), rounded(gain / times, 9))
+    return {} if isinstance(gain, dict) else nested((*path, "gain"), rounded(gain / times, 9))
 
 
 def _scaled(entry: Any, times: float) -> Any:
@@ -89,6 +89,6 @@ def _factors(unit: str) -> Iterator[tuple[str, float]]:
     return ((f"{factor:.4g}", factor) for factor, _ in (FACTORS if turning else OF_ALL))
 
 
-def _where(job: Job, place: Place) -> str:
+def _location(job: Job, path: Place) -> str:
     """Return the file, line and entry at a place of the config."""
-    return job.source.issue(place, "").place.removeprefix(f"{job.source.path.parent}/")
+    return job.source.issue(path, "").place.removeprefix(f"{job.source.path.parent}/")

@@ -71,7 +71,7 @@ class CalibrationOutcome:
     refits: tuple[Refit, ...]
 
     @property
-    def said(self) -> str:
+    def summary(self) -> str:
         """Return the text for the terminal."""
         parts = (
             describe_refits(self.verdict, self.refits),
@@ -90,7 +90,7 @@ def prepare(path: Path) -> Job:
     problem = build_problem(case, [read(experiment) for experiment in case.experiments])
     # Of the posterior, only priors of free states depend on the record's samples.  All samples are
     # set to zero, so that a calibration can be resumed with another record.
-    blank = [np.where(o.experiment.seen, 0.0, np.nan) for o in problem.observations]
+    blank = [np.where(o.experiment.is_measured, 0.0, np.nan) for o in problem.observations]
     posterior = problem.posterior.edit(records=blank)
     return Job(case=case, problem=dataclasses.replace(problem, posterior=posterior))
 
@@ -129,13 +129,13 @@ def calibrate(
         report.say(calibration_opening(job.problem, job.config))
         begin(job, folder, refits=settings.refits)
         with interruptions(folder, progress, (InputError,)):
-            refits = run(refitting, settings.refits, place, crew, report)
+            refits = run_refits(refitting, settings.refits, place, crew, report)
         verdict = _publish(job, folder, refits)
         folder.write_run(seconds=round(time.perf_counter() - begun, 3))
         return CalibrationOutcome(folder=folder.path, verdict=verdict, refits=tuple(refits))
 
 
-def run(
+def run_refits(
     study: CalibrationStudy, n: int, folder: Path, crew: RefitExecutor, report: Reporter
 ) -> list[Refit]:
     """Return the refits 0 to n - 1; refits that `folder` lacks are computed and saved.

@@ -46,7 +46,7 @@ class NamedRun:
     run: SampledRun
 
     @property
-    def place(self) -> str:
+    def location(self) -> str:
         """Return the folder of a saved run, or else the name, for messages."""
         return self.name if self.folder is None else str(self.folder)
 
@@ -56,8 +56,8 @@ def check_runs(form: Form, runs: Sequence[object]) -> None:
 
     `runs` are folders, or run objects, which are compared by identity.
     """
-    if not FEWEST <= len(runs) <= form.most:
-        message = f"{len(runs)} given; {FEWEST} to {form.most} runs can be {form.purpose}"
+    if not FEWEST <= len(runs) <= form.max_runs:
+        message = f"{len(runs)} given; {FEWEST} to {form.max_runs} runs can be {form.purpose}"
         raise InputError.at("runs", message)
     places = [run.resolve() if isinstance(run, Path) else id(run) for run in runs]
     for k, place in enumerate(places):
@@ -106,7 +106,7 @@ def overlay_layer(
         draws=sampled.draws.reshape(-1, sampled.draws.shape[-1]),
         settings=provenance.settings(job.config, job.problem, units),
         warning=figure_warning(sampled, fit),
-        reasons=run_doubts(sampled, fit, run.kept.unsupported if run.kept else {}),
+        reasons=run_doubts(sampled, fit, run.stored.unsupported if run.stored else {}),
     )
 
 
@@ -117,7 +117,7 @@ def mark(run: SampledRun) -> str:
 
 def residuals(run: SampledRun) -> tuple[ResidualSummary, ...]:
     """Return the residuals of each channel at the MAP."""
-    return conclusions.residuals(run.job, run.mode) if run.kept is None else run.kept.fit
+    return conclusions.residuals(run.job, run.mode) if run.stored is None else run.stored.fit
 
 
 def distinct(names: Sequence[str]) -> list[str]:
@@ -245,9 +245,9 @@ def check_same_record(runs: Sequence[NamedRun]) -> None:
             "this run has another record, but odds compare models of one record. Give runs of one "
             f"record, or overlay these by `bayesdrill report`. The record{what} is "
             f"{record.get(names[0], 'missing')} here and {first.get(names[0], 'missing')} in "
-            f"{runs[0].place}"
+            f"{runs[0].location}"
         )
-        raise InputError.at(run.place, message)
+        raise InputError.at(run.location, message)
 
 
 def _record(problem: Problem) -> dict[str, str]:
@@ -266,7 +266,7 @@ def contender(named: NamedRun, units: DisplayUnits) -> RunSummary:
     """Return the summary of a named run; raises `InputError` if the run has no evidence."""
     run = named.run
     if run.sampled.evidence is None:
-        raise InputError.at(named.place, WITHOUT)
+        raise InputError.at(named.location, WITHOUT)
     posterior, fit = run.job.problem.posterior, residuals(run)
     layer = overlay_layer(named.name, run, units, fit)
     return RunSummary(
@@ -275,8 +275,8 @@ def contender(named: NamedRun, units: DisplayUnits) -> RunSummary:
         evidence=run.sampled.evidence,
         residuals=fit,
         vague=tuple(diffuse_priors(layer.draws, posterior.space.priors))
-        if run.kept is None
-        else run.kept.vague,
+        if run.stored is None
+        else run.stored.vague,
         rig=_rig(run.job),
         noise=_noise(run.job),
         beliefs={name: repr(prior) for name, prior in posterior.space.priors.items()},
@@ -305,5 +305,5 @@ def _noise(job: Job) -> dict[str, str]:
         for name, channel in record.channels.items():
             known = isinstance(channel.sigma, int | float)
             size = f"sigma {channel.sigma}" if known else "sigma unknown"
-            result[observation.entitled(name)] = f"{channel.noise.model_dump()}, {size}"
+            result[observation.title(name)] = f"{channel.noise.model_dump()}, {size}"
     return result

@@ -40,12 +40,12 @@ from bayesdrill.tasks import ranking
 
 @dataclass(frozen=True, eq=False)
 class SampledRun(Value):
-    """A sampled run has a job, a maximum and a chain; `kept` is the stored analysis, if any."""
+    """A sampled run has a job, a maximum and a chain; `stored` is the saved analysis, if any."""
 
     job: Job
     mode: Mode
     sampled: SamplingResult
-    kept: RunAnalysis | None = field(default=None, compare=False, kw_only=True)
+    stored: RunAnalysis | None = field(default=None, compare=False, kw_only=True)
 
 
 def concluded(
@@ -53,19 +53,19 @@ def concluded(
     scenery: SensitivityStudy | None = None,
     seconds: Mapping[str, float] | None = None,
     *,
-    alone: bool = True,
+    is_single: bool = True,
     explained: Future[Causes | None] | None = None,
     map_each: MapEach = map,
 ) -> ReportContext:
     """Return the context of a run's report, which analyses the chain at first use.
 
     `scenery` is the sensitivity study of the job's likelihood, if one exists.  If the run is
-    `alone` (not one of several candidates), changes of the rig are tried before a nominal table is
+    `is_single` (not one of several candidates), changes of the rig are tried before a nominal table is
     judged wrong.  `explained` is the future of causes of a bad fit, if their search has begun.
     """
     job = run.job
     chain = RunDraws(job.problem, run.mode, run.sampled, job.config.seed)
-    evaluate = partial(_analysis, run, scenery, explained, map_each, alone=alone)
+    evaluate = partial(_analysis, run, scenery, explained, map_each, is_single=is_single)
     return ReportContext(chain, job.config, evaluate, seconds or {})
 
 
@@ -76,34 +76,34 @@ def _analysis(
     map_each: MapEach,
     chain: RunDraws,
     *,
-    alone: bool,
+    is_single: bool,
 ) -> RunAnalysis:
-    if run.kept is not None:
-        return run.kept
+    if run.stored is not None:
+        return run.stored
     scenery = scenery or SensitivityStudy(run.job.problem.posterior.likelihood)
     if explained is None:
-        ranked = causes(run.job, run.mode, chain.fit) if alone else None
+        ranked = causes(run.job, run.mode, chain.fit) if is_single else None
     else:
         ranked = explained.result()
     settings = run.job.config.identify
-    return analyse(chain, settings, scenery, map_each, alone=alone, explained=ranked)
+    return analyse(chain, settings, scenery, map_each, is_single=is_single, explained=ranked)
 
 
 def causes(
     job: Job,
     mode: Mode,
-    left: Sequence[ResidualSummary],
+    residuals: Sequence[ResidualSummary],
     submit: ranking.Submit | None = None,
     report: Reporter = SILENT,
 ) -> Causes | None:
-    """Return causes that would explain the residuals `left` of `mode`, or None.
+    """Return causes that would explain the residuals `residuals` of `mode`, or None.
 
     If the residuals are noise, only a value or unit that is off by a factor is sought, and only if
     unknowns are at ends of their priors.  The job must have the integration steps of `mode`.
     `submit` runs tasks in this process or in others.
     """
     ranked = None
-    fits = residual_checks.like_noise(left)
+    fits = residual_checks.like_noise(residuals)
     if not fits or mode.at_bound:
         with WorkerPool(job.problem.posterior, 1) as pool:
             how = job, mode.values, submit or pool.submit_function, report

@@ -62,7 +62,7 @@ def save(job: Job, mode: Mode, output: Path, record: str | None, *, force: bool)
         folder.write_run(
             status="finished",
             reasons=list(said.reasons),
-            fit=as_data(said.left),
+            fit=as_data(said.residuals),
             files=folder.digests(),
         )
 
@@ -102,7 +102,7 @@ def fit_plan(job: Job) -> FitPlan:
         starts=settings.starts,
         evaluations=settings.evaluations,
         chains=plan(job.config),
-        shortest=SHORTEST[job.config.sampler.likelihood],
+        max_exact=SHORTEST[job.config.sampler.likelihood],
     )
 
 
@@ -113,15 +113,15 @@ def end_search(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -
     return mode
 
 
-def misfit(left: Sequence[ResidualSummary], clock: Unit) -> str:
-    """Describe the residuals `left` if they are too large to believe a posterior; else empty."""
-    return residual_sentences(left, clock) if residual_reasons(left) else ""
+def misfit(residuals: Sequence[ResidualSummary], clock: Unit) -> str:
+    """Describe the residuals `residuals` if they are too large to believe a posterior; else empty."""
+    return residual_sentences(residuals, clock) if residual_reasons(residuals) else ""
 
 
 def check_new_config(job: Job, path: Path, *, force: bool) -> None:
     """Raise the `InputError` that `write_config` would raise; called before a search of minutes."""
     place = str(path)
-    if job.files.given is not None:
+    if job.files.array_table is not None:
         raise InputError.at(
             place, "no file contains the record yet; save the case, then map its config"
         )

@@ -40,7 +40,7 @@ from bayesdrill.report.sections.identifiability import (
     spectrum_figure,
     summarise_study,
 )
-from bayesdrill.report.sections.torque import beside, stand_ins
+from bayesdrill.report.sections.torque import approximation_note, stand_ins
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.tasks import conclusions
 from bayesdrill.tasks.text_folder import save_text
@@ -84,10 +84,10 @@ class Findings(Value):
     def text(self) -> str:
         """Return the whole text for the terminal."""
         parts = [describe_study_point(self.point, self.job.problem)]
-        if self.point.at:
+        if self.point.description:
             parts += [describe_study(self.study, self.job.problem.model, self.reasons)]
             parts += describe_timing(self.moment)
-            config = "CONFIG" if self.job.files.given else str(self.job.source.path)
+            config = "CONFIG" if self.job.files.array_table else str(self.job.source.path)
             left_open = open_products(self.study, self.job.config.identify)
             parts.append(next_experiment(self.study.names, left_open, config))
         if self.profiles:
@@ -103,7 +103,7 @@ class Findings(Value):
     def shown(self) -> tuple[Profile, ...]:
         """Return the profiles in the units of the user."""
         units = self.job.problem.units
-        return tuple(profile.over(units.factor(profile.name)) for profile in self.profiles)
+        return tuple(profile.in_unit(units.factor(profile.name)) for profile in self.profiles)
 
     def save(self, folder: str | Path, *, force: bool = False) -> str:
         """Save text and figures in a folder, which may also contain other results.
@@ -147,23 +147,23 @@ class Findings(Value):
         return self.text
 
 
-def identify(job: Job, best: Mode | None, wanted: Sequence[str], report: Reporter) -> Findings:
-    """Study a job at the maximum `best` or else its start; make profiles of `wanted` parameters.
+def identify(job: Job, best: Mode | None, profiled: Sequence[str], report: Reporter) -> Findings:
+    """Study a job at the maximum `best` or else its start; make profiles of `profiled` parameters.
 
-    Raises `InputError` if no unknown can be studied, or if one of `wanted` is no such unknown.
+    Raises `InputError` if no unknown can be studied, or if one of `profiled` is no such unknown.
     """
     posterior = job.problem.posterior
     sensitivities = SensitivityStudy(posterior.likelihood)
     if not sensitivities.unknowns:
         raise InputError.at("parameters", NO_UNKNOWN)
-    columns = _columns(sensitivities.unknowns, wanted)
+    columns = _columns(sensitivities.unknowns, profiled)
     report.update(0.0, "computing what the record can determine")
     if best is None:
         point = study_point(sensitivities, posterior, job.config.seed)
     else:
-        point = StudyPoint(theta=posterior.space.vector(best.values), at="the MAP")
+        point = StudyPoint(theta=posterior.space.vector(best.values), description="the MAP")
     theta = point.theta
-    asked = job.config.identify, job.config.seed, point.at
+    asked = job.config.identify, job.config.seed, point.description
     study = study_of(sensitivities, posterior, theta, *asked, seek_remedies=True)
     profiles = []
     if columns:
@@ -186,23 +186,23 @@ def preflight(job: Job, sensitivities: SensitivityStudy) -> str:
     posterior = job.problem.posterior
     point, rig = study_point(sensitivities, posterior, job.config.seed), job.problem.model
     at_rest = describe_study_point(point, job.problem)
-    if not point.at:
+    if not point.description:
         return at_rest
-    asked = job.config.identify, job.config.seed, point.at
+    asked = job.config.identify, job.config.seed, point.description
     study = study_of(sensitivities, posterior, point.theta, *asked)
     lines = [at_rest, summarise_study(study), friction_sentences(study.frictions, rig)]
     lines += [stand_ins(study, rig)]
-    lines += [beside(rig)] if is_approximate(posterior) else []
+    lines += [approximation_note(rig)] if is_approximate(posterior) else []
     timing = describe_timing(half_sample_shift(sensitivities, point.theta))
     course = finding_sentences(plausibility.plausibility_of_course(sensitivities, point.theta))
     return "\n".join([*filter(None, lines), *timing, *course])
 
 
-def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
-    if ALL in wanted:
+def _columns(unknowns: tuple[str, ...], profiled: Sequence[str]) -> list[int]:
+    if ALL in profiled:
         return list(range(len(unknowns)))
-    for name in wanted:
+    for name in profiled:
         if name not in unknowns:
             hint = did_you_mean(name, [*unknowns, ALL])
             raise InputError.at("--profile", f"{name} is not an unknown of this config{hint}")
-    return [unknowns.index(name) for name in wanted]
+    return [unknowns.index(name) for name in profiled]

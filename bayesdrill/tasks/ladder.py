@@ -41,20 +41,20 @@ LONGEST_NAME = 100  # upper limit of the letters in the name of a config
 
 @dataclass(frozen=True, slots=True)
 class LadderModel:
-    """A model of a ladder adds `parts` to the given config; `about` describes the model."""
+    """A model of a ladder adds the changes `change_names` to the config; `about` describes it."""
 
     name: str
     about: str
-    parts: tuple[str, ...]
+    change_names: tuple[str, ...]
     job: Job
 
 
-def _with_lines(given: Job, cause: Cause) -> Job:
+def _with_lines(base_job: Job, cause: Cause) -> Job:
     """Return the job of a config with the lines of a cause; raise `InputError` if it is invalid."""
-    data = config_edits.amended(given, cause)
+    data = config_edits.amended(base_job, cause)
     data["output"] = {**data.get("output", {}), "figures": ["fit"]}
     data.pop("simulation", None)
-    return given.with_data(data, as_yaml(data))
+    return base_job.with_data(data, as_yaml(data))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +73,7 @@ class LadderOutcome:
     config: Path
 
     @property
-    def said(self) -> str:
+    def summary(self) -> str:
         """Return the text for the terminal."""
         about = self.recommended.about
         told = comparison_report.ladder_conclusion(about, self.left_out, self.config)
@@ -185,9 +185,9 @@ class _Sampling:
             return
         mode, sampled = made
         run = SampledRun(model.job.with_steps_at(mode), mode, sampled)
-        view = concluded(run, alone=False)  # the ranking already names missing causes
+        view = concluded(run, is_single=False)  # the ranking already names missing causes
         pipeline.write_result(run.job, view, self.folder.path / place, None, force=True)
-        if not self._known(place, model, dataclasses.replace(run, kept=view.analysis)):
+        if not self._known(place, model, dataclasses.replace(run, stored=view.analysis)):
             self.left_out[model.name] = "its evidence could not be computed"
 
     def _known(self, place: str, model: LadderModel, run: SampledRun) -> bool:
@@ -242,10 +242,12 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
     )
 
 
-def recommended(every: Sequence[LadderModel], report: ComparisonReport) -> LadderModel:
+def recommended(candidates: Sequence[LadderModel], report: ComparisonReport) -> LadderModel:
     """Return the simplest model whose log evidence is near the highest (`SURE_LOG_ODDS`)."""
     models = report.models
     least = max(model.log_z for model in models) - SURE_LOG_ODDS
     good = [k for k, model in enumerate(models) if model.log_z >= least]
-    sizes = {k: (len(every[k].parts), len(models[k].layer.problem.symbols), k) for k in good}
-    return every[min(good, key=sizes.__getitem__)]
+    sizes = {
+        k: (len(candidates[k].change_names), len(models[k].layer.problem.symbols), k) for k in good
+    }
+    return candidates[min(good, key=sizes.__getitem__)]

@@ -250,7 +250,7 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
     kept = None
     if record is not None and record.analysis_of == analysis_mark(job, mode, sampled):
         kept = record.analysis
-    return SampledRun(job, mode, sampled, kept=kept)
+    return SampledRun(job, mode, sampled, stored=kept)
 
 
 def write_result(
@@ -308,14 +308,14 @@ def _publish(
     view: ReportContext,
     figures: publish.PendingFigures,
     report: Reporter,
-    begun: float | None = None,
+    start_time: float | None = None,
 ) -> Outcome:
-    """Write tables, figures and `run.json`; the report of a timed run began at `begun` [s]."""
+    """Write tables, figures and `run.json`; the report of a timed run began at `start_time` [s]."""
     missing = publish.write_results(view, folder, figures, report)
     report.update(1.0, "")
     seconds, judged = dict(view.seconds), view.analysis.judged
-    if begun is not None:
-        seconds["report"] = round(time.perf_counter() - begun, 3)
+    if start_time is not None:
+        seconds["report"] = round(time.perf_counter() - start_time, 3)
         folder.write_run(seconds=seconds)
     folder.write_run(
         status="finished",

@@ -82,7 +82,7 @@ def rank_scales(
     if not ranking.causes_by_parts or ranking.causes_by_parts[widened].gain < SURE_LOG_ODDS:
         return None
     ranking.refit_scales()
-    causes = Causes(given=given.fit, ranked=ranking.ranked(), left_out=ranking.left_out)
+    causes = Causes(given=given.residuals, ranked=ranking.ranked(), left_out=ranking.left_out)
     return causes if causes.best and causes.best.off_by_a_factor else None
 
 
@@ -90,29 +90,29 @@ def rank_scales(
 class Ranking:
     """A ranking refits candidate models, and keeps the results.
 
-    `given` is the refit of the given config, `causes_by_parts` has the refitted candidates, and
+    `base` is the refit of the given config, `causes_by_parts` has the refitted candidates, and
     `maxima` their maxima.  `left_out` has reasons why other candidates could not be refitted.
-    `tried` has the number of values that were tried for a constant, and `evaluations` is the
-    total of all refits.  `untried` describes combinations skipped because of `MOST_EVALUATIONS`.
+    `value_counts` has the number of values that were tried for a constant, and `evaluations` is the
+    total of all refits.  `skipped` describes combinations skipped because of `MOST_EVALUATIONS`.
     """
 
     job: Job
     maximum: Mapping[str, float]
-    given: RefitMaximum
+    base: RefitMaximum
     submit: Submit
     report: Reporter
     causes_by_parts: dict[tuple[str, ...], Cause] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
     maxima: dict[tuple[str, ...], RefitMaximum] = field(default_factory=dict)
-    tried: dict[str, int] = field(default_factory=dict)
+    value_counts: dict[str, int] = field(default_factory=dict)
     evaluations: int = 0
-    untried: dict[frozenset[str], str] = field(default_factory=dict)
+    skipped: dict[frozenset[str], str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         posterior = self.job.problem.posterior
         models = CandidateModels.from_job(self.job, self.maximum)
         self.roles = {unknown.name: unknown.role for unknown in posterior.space.unknowns}
-        ends = self.given.at_ends.items()
+        ends = self.base.at_ends.items()
         widened = {f"{WIDENED}{name}": way for name, way in ends if self.roles[name] != "noise"}
         self.models = models.with_numbers(**widened)
         self.records = measured_samples(posterior.likelihood)
@@ -125,13 +125,16 @@ class Ranking:
         self.refit_scales()
         if not self._explained:
             self._refit_others()
-        given, reference = self.given.fit, find_reference(self.job.problem, self.given.fit)
+        given, reference = (
+            self.base.residuals,
+            find_reference(self.job.problem, self.base.residuals),
+        )
         causes = Causes(
             given=given,
             ranked=self.ranked(),
             left_out=self.left_out,
             reference=reference,
-            untried=(*self.untried.values(),),
+            untried=(*self.skipped.values(),),
         )
         if causes.best is not None and causes.best.explains_all:
             return causes
@@ -140,7 +143,7 @@ class Ranking:
     def refit_scales(self) -> None:
         """Refit with each value and unit multiplied by a factor of wrong units."""
         scales = self.models.scales()
-        self.tried = {candidate.name: len(scales) for candidate in scales}
+        self.value_counts = {candidate.name: len(scales) for candidate in scales}
         self.refit_all(scales, self.maximum)
 
     def _refit_others(self) -> None:
@@ -167,16 +170,16 @@ class Ranking:
 
     def _combine(self) -> None:
         """Try pairs of parts that gained alone, then add parts to the best while this helps."""
-        least = SURE_LOG_ODDS + self._worth(0.0)
+        least = SURE_LOG_ODDS + self._min_gain(0.0)
         first = [c.parts[0] for c in self._all() if not c.absorbing and c.bayes > least]
         first.sort(key=lambda name: not name.startswith(WIDENED))  # ends of priors hide causes
         for k, part in enumerate(first[:PAIRED]):
-            self._beside((part,), first[k + 1 : PAIRED])
+            self._extended((part,), first[k + 1 : PAIRED])
         absorbing = [change.name for change in self.models.changes.values() if change.absorbs]
         if first:
             self._climb(absorbing)
         if (best := self._best()) is not None and not best.explains_all:
-            self._beside(best.parts, absorbing)
+            self._extended(best.parts, absorbing)
 
     def _climb(self, absorbing: Sequence[str]) -> None:
         """Alternately add parts to the best candidate and remove parts, while this gains evidence.
@@ -186,16 +189,18 @@ class Ranking:
         """
         changes = self.models.changes.values()
         lost = {c.name for c in self._all() if not c.new and c.bayes < -SURE_LOG_ODDS}
-        lost |= {c.name for c in self._all() if c.name in self.tried and c.bayes < SURE_LOG_ODDS}
+        lost |= {
+            c.name for c in self._all() if c.name in self.value_counts and c.bayes < SURE_LOG_ODDS
+        }
         more = [c.name for c in changes if not c.absorbs and c.name not in lost]
         before = 0.0
         while (best := self._best()) is not None:
-            if self._explained or best.bayes < before + self._worth(before) + SURE_LOG_ODDS:
+            if self._explained or best.bayes < before + self._min_gain(before) + SURE_LOG_ODDS:
                 break
             before = best.bayes
-            if self._worth(before) == 0.0:
-                self._beside(best.parts, absorbing)  # shows how much can still be gained
-            self._beside(best.parts, more)
+            if self._min_gain(before) == 0.0:
+                self._extended(best.parts, absorbing)  # shows how much can still be gained
+            self._extended(best.parts, more)
             self._reduce()
 
     def _reduce(self) -> None:
@@ -206,20 +211,20 @@ class Ranking:
             fewer = self.models.without_each(best.parts)
             self.refit_all(fewer, self.maxima[best.parts].values, self._rival)
 
-    def _beside(self, parts: tuple[str, ...], more: Iterable[str]) -> None:
+    def _extended(self, parts: tuple[str, ...], more: Iterable[str]) -> None:
         """Refit a candidate with each part of `more` added, from the maximum of the candidate.
 
         Parts with the largest earlier gain come first, since later refits stop if they cannot rival
         the best candidate.  They also stop if the added part cannot gain evidence.
         """
         wider = sorted(
-            self.models.beyond(parts, more), key=lambda rung: -self._gained(rung.names[-1])
+            self.models.extensions(parts, more), key=lambda rung: -self._gained(rung.names[-1])
         )
         base = self.causes_by_parts[parts].bayes
-        least = base + self._worth(base) - SURE_LOG_ODDS + self.given.log_z
+        least = base + self._min_gain(base) - SURE_LOG_ODDS + self.base.log_z
         self.refit_all(wider, self.maxima[parts].values, lambda: max(least, self._rival()))
 
-    def _worth(self, bayes: float) -> float:
+    def _min_gain(self, bayes: float) -> float:
         """Return the smallest useful gain: a fraction of what absorbing parts gain beyond `bayes`.
 
         If residuals are more than noise, nearly any part gains much more than it would by chance.
@@ -237,7 +242,7 @@ class Ranking:
     def _rival(self) -> float:
         """Return the log evidence below which a candidate cannot rival the best one."""
         trusted = (c.bayes for c in self._trusted())
-        return max(trusted, default=-math.inf) - SURE_LOG_ODDS + self.given.log_z
+        return max(trusted, default=-math.inf) - SURE_LOG_ODDS + self.base.log_z
 
     def _trusted(self) -> Iterator[Cause]:
         """Yield those of `_shown` that may be recommended, the most probable first."""
@@ -257,7 +262,7 @@ class Ranking:
         A candidate that masks many samples is included only if its other residuals are noise.
         """
         named = (cause for cause in self._all() if not cause.absorbing)
-        return (c for c in named if c.explains_all or self.maxima[c.parts].hidden <= MAX_HIDDEN)
+        return (c for c in named if c.explains_all or self.maxima[c.parts].omitted <= MAX_HIDDEN)
 
     def ranked(self) -> tuple[Cause, ...]:
         """Return the recommended candidate, then all others."""
@@ -287,12 +292,12 @@ class Ranking:
             tops = [(value, future.result()) for value, future in futures if future is not None]
             heights |= {value: top.log_z for value, top in tops if top is not None}
             self.evaluations += sum(top.evaluations for _, top in tops if top is not None)
-            if max(heights.values(), default=-math.inf) < self.given.log_z + SURE_LOG_ODDS:
+            if max(heights.values(), default=-math.inf) < self.base.log_z + SURE_LOG_ODDS:
                 return
             if not (wanted := _finer(heights, finest)):
                 break
         self.models = self.models.with_numbers(**{name: max(heights, key=heights.__getitem__)})
-        self.tried[name] = len(values)
+        self.value_counts[name] = len(values)
         self.refit_all(self.models.rungs([(name,)]), self.maximum)
 
     def _refit_with(self, name: str, value: float) -> Future[RefitMaximum | None] | None:
@@ -304,7 +309,7 @@ class Ranking:
                 posterior = rung.job().problem.posterior
         except (InputError, ValueError):
             return None
-        least, alone = self.given.log_posterior + PROMISE, dict[str, float]()
+        least, alone = self.base.log_posterior + PROMISE, dict[str, float]()
         return self.submit(refit_candidate, posterior, self.maximum, least, alone, self.records)
 
     # Refits.
@@ -329,15 +334,15 @@ class Ranking:
             while remaining and len(under_way) < HANDED_OVER:
                 rung = remaining.pop(0)
                 if len(rung.names) > 1 and self.evaluations > MOST_EVALUATIONS:
-                    words = " with ".join(change.words for change in rung.changes)
-                    self.untried[frozenset(rung.names)] = words
+                    words = " with ".join(change.description for change in rung.changes)
+                    self.skipped[frozenset(rung.names)] = words
                     continue
                 try:
                     job = rung.job(shared=True)
                 except InputError as error:
                     self.left_out[rung.name] = error.problems[0].message
                     continue
-                least = self.given.log_posterior + PROMISE
+                least = self.base.log_posterior + PROMISE
                 single = self.maxima.get(rung.names[-1:]) if len(rung.names) > 1 else None
                 alone = {} if single is None else single.values
                 sought = (change.starts for change in rung.changes if change.starts)
@@ -348,7 +353,7 @@ class Ranking:
                 rung, job, future = under_way.pop(0)
                 top: RefitMaximum | None = future.result()
                 self._keep(rung, job, top)
-                last = "" if top is None else f"; {rung.name} took {top.took:.1f} s"
+                last = "" if top is None else f"; {rung.name} took {top.duration:.1f} s"
                 done = 1.0 - (len(remaining) + len(under_way)) / total
                 report.update(done, f"{said}{last}")
 
@@ -357,20 +362,20 @@ class Ranking:
             self.left_out[rung.name] = "has no finite response near the maximum"
             return
         self.evaluations += top.evaluations
-        tries = math.prod(self.tried.get(name, 1) for name in rung.names)
+        tries = math.prod(self.value_counts.get(name, 1) for name in rung.names)
         new = {*job.problem.names} - {*self.maximum}
         lacks = dict.fromkeys(name for change in rung.changes for name in change.lacks)
         self.causes_by_parts[rung.names] = Cause(
             parts=rung.names,
-            words=tuple(change.words for change in rung.changes),
+            words=tuple(change.description for change in rung.changes),
             lines=rung.config_lines,
             lacks=tuple(lacks),
             new=_fitted(job.problem.units, [s for s in job.problem.symbols if s.name in new], top),
-            gain=top.log_posterior - self.given.log_posterior,
-            bayes=float(top.log_z - self.given.log_z) - math.log(tries),
-            fit=top.fit,
+            gain=top.log_posterior - self.base.log_posterior,
+            bayes=float(top.log_z - self.base.log_z) - math.log(tries),
+            fit=top.residuals,
             doubts=(*_doubts(top, {*self.maximum}, rung), *self._redundant(top, rung)),
-            finished=top.finished,
+            finished=top.is_finished,
         )
         self.maxima[rung.names] = top
 
@@ -379,8 +384,8 @@ class Ranking:
 
         A stopped refit raises no doubt, since its evidence underestimates the gain of both parts.
         """
-        causes, both = self.causes_by_parts, float(top.log_z - self.given.log_z)
-        known = top.finished and not like_noise(top.fit)
+        causes, both = self.causes_by_parts, float(top.log_z - self.base.log_z)
+        known = top.is_finished and not like_noise(top.residuals)
         for pair in itertools.combinations(rung.changes, 2) if known else ():
             rest, *alone = (
                 tuple(name for name in rung.names if name not in {*removed})
@@ -389,7 +394,7 @@ class Ranking:
             neither = causes[rest].bayes if rest in causes else 0.0
             least = neither + max(REDUNDANT * (both - neither), SURE_LOG_ODDS)
             if all(names in causes and causes[names].bayes > least for names in alone):
-                yield Doubt("alike", tuple(change.words for change in pair))
+                yield Doubt("alike", tuple(change.description for change in pair))
 
     def _windows(self) -> tuple[tuple[FittedValue, ...], ...]:
         """Refit the given config on each window; return nothing if one refit fails.
@@ -442,13 +447,13 @@ def _doubts(top: RefitMaximum, known: set[str], rung: CandidateModel) -> Iterato
     for name, way in top.at_ends.items():
         if (name not in known or name in widened) and not (name in optional and way < 0):
             yield Doubt("end", (name,))
-    if top.several:
+    if top.has_rival:
         yield Doubt("maxima")
-    for pair in top.alike:
+    for pair in top.exchangeable:
         if len({rung.owner(name) for name in pair}) > 1:
             yield Doubt("alike", pair)
-    if top.hidden > MAX_HIDDEN and not like_noise(top.fit):
-        yield Doubt("hidden", share=top.hidden)
+    if top.omitted > MAX_HIDDEN and not like_noise(top.residuals):
+        yield Doubt("hidden", share=top.omitted)
 
 
 def _fitted(

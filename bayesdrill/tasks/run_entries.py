@@ -112,7 +112,7 @@ def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
             WeightedMaximum(values=m.values, log_posterior=m.log_posterior, weight=share)
             for m, share in pairs
         ),
-        importance=None if sampled.learnt is None else _weighted_means(view, sampled.learnt),
+        importance=None if sampled.proposal is None else _weighted_means(view, sampled.proposal),
         analysis=analysis,
         analysis_of=made_of,
     )
@@ -137,9 +137,9 @@ def read_record(run: Mapping[str, Any], folder: Path) -> RunRecord | None:
     raise InputError.at(str(folder / RUN), OLDER)
 
 
-def _weighted_means(view: ReportContext, learnt: LearnedProposal) -> dict[str, Any]:
+def _weighted_means(view: ReportContext, proposal: LearnedProposal) -> dict[str, Any]:
     """Return posterior means from weighted draws of the proposal, which need no chain."""
-    posterior, draws = view.problem.posterior, learnt.draws
+    posterior, draws = view.problem.posterior, proposal.draws
     theta, free = posterior.coordinates.to_physical(draws.u), posterior.space.free
     mean = draws.weights @ theta
     error = np.sqrt(draws.weights**2 @ (theta - mean) ** 2)

@@ -47,7 +47,7 @@ def save_text(
     pictures = "\n\n".join(f"{shown}[{name}]({FIGURES}/{name}.{ending})" for name in figures)
     mark = output_files.text_mark(kind)
     page = f"{mark}\n# {title}\n\n```text\n{text}\n```\n\n{pictures}\n"
-    with output_files.renewed(place, kind), _whole(place, kind):
+    with output_files.renewed(place, kind), _all_or_none(place, kind):
         (place / FIGURES).mkdir(parents=True, exist_ok=True)
         for name, content in {kind.mark: page, **others}.items():
             output_files.write_text(place / name, content)
@@ -58,13 +58,13 @@ def save_text(
 
 
 @contextmanager
-def _whole(place: Path, kind: Kind) -> Iterator[None]:
+def _all_or_none(folder: Path, kind: Kind) -> Iterator[None]:
     """Remove the files of a kind, and folders that then are empty, if the block fails."""
     try:
         yield
     except BaseException:
-        output_files.remove_outputs(place, kind)
-        (place / kind.mark).unlink(missing_ok=True)
+        output_files.remove_outputs(folder, kind)
+        (folder / kind.mark).unlink(missing_ok=True)
         with suppress(OSError):  # the folder contains other files
-            place.rmdir()
+            folder.rmdir()
         raise

@@ -27,13 +27,13 @@ class Verified:
     """A verification shows which files of a folder belong together.
 
     `problems` has each file that does not belong to the run, with the reason.  `checked` is the
-    number of files without problems.  `what` names the contents, such as "config, record, chain".
+    number of files without problems.  `contents` names the contents, such as "config, record, chain".
     """
 
     folder: Path
     checked: int
     problems: tuple[Issue, ...]
-    what: str
+    contents: str
 
     @property
     def together(self) -> bool:
@@ -41,14 +41,14 @@ class Verified:
         return not self.problems
 
     @property
-    def said(self) -> str:
+    def summary(self) -> str:
         """Return the result as text."""
         if self.together:
-            return f"{self.folder}: {self.what} and {self.checked} files belong together"
+            return f"{self.folder}: {self.contents} and {self.checked} files belong together"
         return "\n".join(map(str, self.problems))
 
     def __str__(self) -> str:
-        return self.said
+        return self.summary
 
     __repr__ = __str__
 

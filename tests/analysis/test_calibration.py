@@ -52,7 +52,7 @@ def test_the_chance_to_leave_a_band_is_that_over_all_possible_ranks(false_alarm:
     n, n_draws = 5, 4
     band = ecdf_band(n, n_draws, false_alarm)
     every = itertools.product(range(n_draws + 1), repeat=n)
-    outside = np.mean([not band.holds(np.array(ranks)) for ranks in every])
+    outside = np.mean([not band.contains(np.array(ranks)) for ranks in every])
     assert band.false_alarm == pytest.approx(outside, abs=1e-12)
     assert outside <= false_alarm
 

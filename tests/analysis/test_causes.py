@@ -119,7 +119,7 @@ def test_the_cause_is_first_with_its_size(name: str, known_noise: bool, tmp_path
     assert new.sd < 0.1 * abs(truth)
     assert first.lacks == ((unknown,) if "added" in lacks else ())
     check_words(causes, first)
-    assert first in causes.good
+    assert first in causes.supported
 
 
 SEVERAL: Mapping[str, tuple[Mapping[str, Any], set[str], Mapping[str, float]]] = {
@@ -178,7 +178,7 @@ def test_no_cause_is_recommended_for_one_bad_sample(
     try_only(parts, monkeypatch)
     causes = causes_of(bd.load(rig(tmp_path, glitch=7.0)))
     assert causes.best is None
-    assert causes.good == ()
+    assert causes.supported == ()
     text = describe_causes(causes)
     assert text.startswith(f"fit: {len(causes.ranked)} candidates were refitted, and none explains")
     assert "add these lines" not in text
@@ -198,7 +198,7 @@ def test_a_rig_that_changes_shows_from_window_to_window(tmp_path: Path) -> None:
     expected = NOMINAL["k_e"] * (1.0 + 0.4 * (np.arange(WINDOWS) + 0.5) / WINDOWS)
     assert values == sorted(values)  # as much voltage for less speed
     assert values == pytest.approx(expected, rel=0.05)
-    causes = Causes(given=given.fit, ranked=(), windows=windows)
+    causes = Causes(given=given.residuals, ranked=(), windows=windows)
     assert "k_e from " in wandering(causes)
 
 
@@ -323,7 +323,7 @@ def best_parts(*ranked: Cause) -> tuple[str, ...]:
 def test_the_best_is_the_simplest_of_those_that_are_about_as_probable() -> None:
     every = (cause(100.0, "a", "b"), cause(96.0, "a"), cause(94.0, "c"), cause(4.0, "d"))
     assert best_parts(*every) == ("a",)
-    assert Causes(given=(), ranked=every).good == every[:3]
+    assert Causes(given=(), ranked=every).supported == every[:3]
     assert best_parts(*every[:1], *every[2:]) == ("a", "b")
     assert best_parts(*every[3:]) == ()
 

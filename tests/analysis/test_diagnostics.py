@@ -115,8 +115,8 @@ def test_an_ensemble_that_is_elsewhere_leaves_the_band() -> None:
     x[2, :, 0] += 0.25
     x[1, :, 1] *= 1.3
     shifted, wider = rank_histograms(x, np.random.default_rng(0))
-    assert list(np.flatnonzero(~shifted.holds)) == [2]
-    assert list(np.flatnonzero(~wider.holds)) == [1]
+    assert list(np.flatnonzero(~shifted.is_consistent)) == [2]
+    assert list(np.flatnonzero(~wider.is_consistent)) == [1]
     assert (shifted.deviation[2] < 0).mean() > 0.9  # draws too high: too few below any share
 
 

@@ -37,7 +37,7 @@ def test_a_table_is_right_with_the_physics_that_the_rig_lacks(case: tuple[str, b
     assert explanation.parameter == name
     assert explanation.value == pytest.approx(SIZES[name], rel=0.05)
     (text,) = instead(explanation, MotorShaft())
-    assert next(x.words for x in lacks(usual_roles()) if x.parameter == name) in text
+    assert next(x.description for x in lacks(usual_roles()) if x.parameter == name) in text
 
 
 @pytest.mark.parametrize("steady", slow_except((False,), (False, True)))
@@ -66,4 +66,4 @@ def test_friction_helps_no_table_that_is_off_unless_its_tolerance_allows_for_it(
 def test_everything_that_is_tried_has_words_and_is_offered_by_the_rig() -> None:
     tried = lacks(usual_roles())
     assert {x.parameter for x in tried} - {*MotorShaft.parameters} <= {*MotorShaft.offers}
-    assert all(x.words and x.name for x in tried)
+    assert all(x.description and x.name for x in tried)

@@ -97,7 +97,7 @@ def known(torque: Array, at: str = "rotor_1") -> TorqueEstimate:
     states = {"w_1": W_1, "w_2": W_2, "theta_1": THETA_1, "theta_2": THETA_2}
     return TorqueEstimate(
         label="",
-        at=at,
+        location=at,
         t=T,
         draws=torque + noise,
         expected=torque,

@@ -98,7 +98,7 @@ def test_the_score_of_a_sample_is_its_density_given_all_others() -> None:
     exact = norm.logpdf(residuals(), *predictions_without_itself(N))
     assert np.abs(score.terms - exact).max() < 0.03
     assert score.elpd == pytest.approx(exact.sum(), abs=0.1)
-    assert score.doubtful == 0.0
+    assert score.unreliable == 0.0
     assert norm.logpdf(residuals(), theta.mean(), SIGMA).sum() - score.elpd > 0.5
 
 
@@ -163,15 +163,15 @@ def test_a_wrong_prediction_leaves_the_band_and_is_named(
     sigma, seen = factor * SIGMA, np.ones(1000, dtype=bool)
     target = case(n=1000, sigma=sigma).likelihood
     (result,) = prediction_checks(target, draws(seen, 400, sigma) - moved)
-    assert result.holds is (words == "")
+    assert result.is_consistent is (words == "")
     assert result.says == words
 
 
 def test_a_long_record_is_thinned_from_end_to_end() -> None:
     (result,) = prediction_checks(case(n=5000).likelihood, draws(np.ones(5000, dtype=bool), 50))
     assert len(result.pit) == 2000
-    assert result.holds
-    assert result.band.counts(result.ranks)[-1] <= 2000
+    assert result.is_consistent
+    assert result.band.count_below(result.ranks)[-1] <= 2000
 
 
 M, DT = 3600, 0.01  # in segments of 800: frequencies are multiples of 1/8 Hz

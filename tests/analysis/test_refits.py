@@ -89,7 +89,7 @@ def test_the_evidence_of_a_linear_model_is_exact() -> None:
     result = refit(case.job.problem.posterior)
     assert result.log_z == pytest.approx(exact, abs=0.01)
     assert not result.at_ends
-    assert not result.several
+    assert not result.has_rival
 
 
 def test_samples_that_a_candidate_hides_count_as_unexplained() -> None:
@@ -101,8 +101,8 @@ def test_samples_that_a_candidate_hides_count_as_unexplained() -> None:
         refit(later, start, {}, records),
         refit(given, start, {}, records),
     )
-    assert (whole.hidden, plain.hidden) == (0.0, 0.0)
-    assert counted.hidden == pytest.approx(0.25)
+    assert (whole.omitted, plain.omitted) == (0.0, 0.0)
+    assert counted.omitted == pytest.approx(0.25)
     y = given.likelihood.observations[0].experiment.y[:, 0]
     unseen = y[:50] - y.mean()
     density = -0.5 * np.sum(np.log(2 * np.pi * y.var()) + unseen**2 / y.var())
@@ -111,7 +111,7 @@ def test_samples_that_a_candidate_hides_count_as_unexplained() -> None:
     theta = later.space.vector(counted.values)[None]
     residuals = y[50:] - later.likelihood.signals(theta)[0, :, 0]
     share = (np.sum(residuals**2) + np.sum(unseen**2)) / np.sum((y - y.mean()) ** 2)
-    assert counted.fit[0].share == pytest.approx(np.sqrt(share), rel=1e-3)
+    assert counted.residuals[0].share == pytest.approx(np.sqrt(share), rel=1e-3)
     assert counted.log_z < whole.log_z
 
 
@@ -143,7 +143,7 @@ def test_hidden_samples_of_a_rig_at_rest_do_not_end_a_refit() -> None:
     assert top.log_posterior == pytest.approx(refit(given, start).log_posterior, abs=10)
     again = refit_candidate(later, start, top.log_posterior - 3.0, {}, records)
     assert again is not None
-    assert (again.finished, again.values) == (True, top.values)
+    assert (again.is_finished, again.values) == (True, top.values)
 
 
 def test_a_start_of_a_candidate_is_used() -> None:
@@ -157,7 +157,7 @@ def test_a_refit_that_cannot_reach_its_rival_is_not_finished(above: float, finis
     posterior = hub(5.0 * np.sign(np.sin(7.0 * T)), HUB, UNKNOWN)
     alone = refit(posterior, posterior.space.start)
     result = refit(posterior, posterior.space.start, {}, {}, (), alone.log_z + above)
-    assert (alone.finished, result.finished) == (True, finished)
+    assert (alone.is_finished, result.is_finished) == (True, finished)
     assert (result.values == alone.values) == finished
     assert result.log_z == pytest.approx(alone.log_z)
 
@@ -177,7 +177,7 @@ def test_unknowns_that_stand_for_each_other_are_named(turns: bool) -> None:
     offset = {"prior": "normal", "mean": 0.0, "sd": 1.0}
     posterior = hub(u, HUB | {"t_c_hub": 0.5}, UNKNOWN | {"t_c_hub": friction}, offset=offset)
     near = {name: posterior.space.start[name] for name in UNKNOWN}
-    pairs = [{*pair} for pair in refit(posterior, near).alike]
+    pairs = [{*pair} for pair in refit(posterior, near).exchangeable]
     assert pairs == ([] if turns else [{"t_c_hub", "offset_u_hub"}])
 
 

@@ -90,7 +90,7 @@ def test_a_signal_while_a_library_is_loaded_stops_a_run(tmp_path: Path, capsys: 
     errors = ErrorCollector()
 
     def run() -> None:
-        with interruptions(folder, lambda: "hardly"), errors.making("a figure"):
+        with interruptions(folder, lambda: "hardly"), errors.collect("a figure"):
             stop_at_a_library()
 
     with Folder(tmp_path / "out", "fresh", {}, POSTERIOR) as folder:

@@ -62,7 +62,7 @@ def test_draws_of_the_targets_follow_their_densities(name: str) -> None:
     for d in SIZES:
         x = target.draw(WALKERS, d, np.random.default_rng(d))
         assert target.p_values(x).min() > 1e-3
-        assert target.inside(x).all()
+        assert target.in_support(x).all()
     if name in ("cut", "boxed"):
         return  # what is moved there leaves the support
     # Importance weights between the density and itself moved a little average to one.
@@ -104,7 +104,7 @@ def test_redraws_that_run_out_keep_the_target(monkeypatch: pytest.MonkeyPatch) -
     """Draws outside the prior are then proposed, and never accepted."""
     monkeypatch.setattr(independence, "MAX_REDRAWS", 1)
     piece = advance_draws(CUT, 5, INDEPENDENT, replace(rough(CUT, 5), share_inside=1.0), STEPS)
-    assert CUT.inside(piece.z.reshape(-1, 5)).all()
+    assert CUT.in_support(piece.z.reshape(-1, 5)).all()
     assert CUT.p_values(piece.state.z).min() > LEAST_P_VALUE
 
 

@@ -108,8 +108,8 @@ def analyses_of_record(of: bd.Case) -> Iterator[Any]:
     yield [[*instead(each, problem.model)] for each in explanations]
     models = CandidateModels.from_job(of.job, {})
     rungs = [*models.singles(), *models.singles(absorbing=True)]
-    rungs += models.beyond(("friction_both",), models.changes)
-    yield [(rung.names, [each.words for each in rung.changes], rung.data) for rung in rungs]
+    rungs += models.extensions(("friction_both",), models.changes)
+    yield [(rung.names, [each.description for each in rung.changes], rung.data) for rung in rungs]
 
 
 def analyses_of_friction(of: bd.Case) -> Iterator[Any]:
@@ -148,7 +148,7 @@ def analyses_of_causes(rig: Model, names: dict[str, str]) -> Iterator[Any]:
     with WorkerPool(posterior, 1) as pool:
         ranking_ = ranking.Ranking(of.job, start, given, pool.submit_function, SILENT)
         ranking_.refit_all(rungs, start)
-    causes = Causes(given=given.fit, ranked=ranking_.ranked())
+    causes = Causes(given=given.residuals, ranked=ranking_.ranked())
     yield repr(causes)
     yield describe_causes(causes)
     yield lacking(causes, of.job.problem.model.roles)

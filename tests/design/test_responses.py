@@ -22,7 +22,7 @@ def evaluation(case: bd.Case, names: tuple[str, ...] = ("k_s", "t_f")) -> Superp
     problem = case.job.problem
     space = problem.posterior.space
     draws = space.draw(3, np.random.default_rng(1))
-    coming = ComingExperiment.like(problem.observations[0], SOURCE)
+    coming = ComingExperiment.from_observation(problem.observations[0], SOURCE)
     slopes = gradients(parse_targets(problem, names, draws), space, draws)
     precision = np.diag(SensitivityStudy(problem.posterior.likelihood).prior_spreads ** -2.0)
     return SuperposedPulses(coming, draws, TargetCovariance(slopes=slopes, precision=precision))

@@ -26,7 +26,9 @@ def test_a_designed_experiment_tells_two_gears_apart_as_it_promises() -> None:
     assert odds["designed"] >= max(odds[name] for name in ("step", "prbs", "chirp", "steps"))
     source = designed.design.request.source
     own, other = (
-        ComingExperiment.like(case.job.problem.observations[0], source).posterior(designed.levels)
+        ComingExperiment.from_observation(case.job.problem.observations[0], source).posterior(
+            designed.levels
+        )
         for case in (ours, rival)
     )
     truth, rng = own.space.vector(own.space.start)[None], np.random.default_rng(7)

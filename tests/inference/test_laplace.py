@@ -147,7 +147,7 @@ def test_a_point_does_not_depend_on_its_neighbours(name: str) -> None:
 def test_ends_and_spreads_are_those_of_the_priors() -> None:
     surface = LogDensity(LINEAR["linear, noise unknown"]())
     for end in (surface.low, surface.high):
-        assert surface.inside(end[None]).all()
+        assert surface.in_support(end[None]).all()
         assert np.isfinite(surface.value(end[None])).all()
     draws = surface.posterior.space.draw(20_000, np.random.default_rng(1))
     u = surface.posterior.coordinates.from_physical(draws)
@@ -162,7 +162,7 @@ def test_slopes_of_signals_and_of_single_samples_are_exact(name: str) -> None:
     theta = near_middle(target.space, 1)
     natural = target.coordinates.natural(theta)[0]
     for observation in target.likelihood.observations:
-        seen = observation.experiment.seen
+        seen = observation.experiment.is_measured
 
         def signals(at: np.ndarray, observation: Observation = observation) -> np.ndarray:
             return observation.signals(target.space.full(at))

@@ -70,7 +70,7 @@ def test_slopes_and_jacobian_are_differences(coordinates: Coordinates, theta: np
 
 
 def test_slopes_by_natural_scales_are_exact_near_both_ends() -> None:
-    between = Coordinates((False,), between=((0, 0.0, 1.0),), signed=((0, 1.0),))
+    between = Coordinates((False,), bounded=((0, 0.0, 1.0),), signed=((0, 1.0),))
     rho = np.array([1.0 - 1e-8, 0.5, 1e-7])
     slopes = between.slopes_by_natural(rho[:, None])[:, 0]
     assert slopes == pytest.approx(1.0 / norm.pdf(norm.ppf(rho)), rel=1e-9)

@@ -121,7 +121,7 @@ TOO_LONG = "about 25000 steps, more than sampler.max_steps (20000). Raise"
 def test_runs_that_more_steps_would_not_help_are_given_up(
     trail: list[tuple[int, float]], words: str | None
 ) -> None:
-    reason = futility(trail, wanted=50, allowed=20_000, most=20_000)
+    reason = futility(trail, target=50, allowed=20_000, step_limit=20_000)
     if words is None:
         assert reason is None
     else:

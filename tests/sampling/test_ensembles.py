@@ -86,7 +86,7 @@ class Known:
     """What a start asks of a posterior, of a surface in closed form."""
 
     def __init__(self, surface: Walled) -> None:
-        self.value, self.supports = surface.value, surface.inside
+        self.value, self.supports = surface.value, surface.in_support
 
     def __call__(self, u: np.ndarray) -> np.ndarray:
         return self.value(u)
@@ -131,7 +131,7 @@ def test_no_walker_starts_where_it_would_wait() -> None:
     usual = float((surface.value(surface.means) - narrow.log_density(surface.means))[0])
     proposal = Proposal(narrow, 1.0, usual)
     state = begin_walkers(Known(surface), proposal, 500, 1, 0)
-    assert (state.log_p <= proposal.high(narrow.log_density(state.z))).all()
+    assert (state.log_p <= proposal.trapping_log_p(narrow.log_density(state.z))).all()
 
 
 def test_no_walker_starts_far_off_the_ridge() -> None:

@@ -29,7 +29,7 @@ class Known:
         return self.target.log_density(z)
 
     def supports(self, z: np.ndarray) -> np.ndarray:
-        return self.target.inside(z)
+        return self.target.in_support(z)
 
 
 def log_integral(target: Target, d: int) -> float:

@@ -157,7 +157,7 @@ def test_the_other_stiffness_of_a_torsion_near_half_the_sampling_rate(
 
     off = [abs(frequency(**values) - frequency(k_s=other)) for values in named(points)]
     assert min(off) < 1.0 / 11.0  # a radian over the record
-    assert LogDensity(target).inside(points).all()
+    assert LogDensity(target).in_support(points).all()
     surface = LogDensity(target, physical=True)
     ends, values = multiple_modes.best_ends(surface, np.vstack([u, points]))
     modes = named(ends[distinct_modes(surface, ends, values)])

@@ -217,7 +217,7 @@ def test_only_parts_that_go_together_are_combined(tmp_path: Path) -> None:
     rests_of = ("static_motor", "static_rotor_1")
 
     def beyond(*parts: str) -> set[str]:
-        return {x.names[-1] for x in models.beyond(parts, every)}
+        return {x.names[-1] for x in models.extensions(parts, every)}
 
     smooth = {"damping_rotor_1", "damping_shaft", "inertia_rotor_1", *OF_SENSORS}
     rubbing = {"voltage_drop", "drag_motor", "drag_rotor_1", "load_friction_motor"}
@@ -225,7 +225,7 @@ def test_only_parts_that_go_together_are_combined(tmp_path: Path) -> None:
         *smooth, *rubbing, "static_rotor_1", "sticking_motor"
     }  # fmt: skip
     assert beyond("missing_torque_motor") == {"unknown_noise", *smooth}
-    rests = {x.names[-1]: x for x in models.beyond(("friction_both",), rests_of)}
+    rests = {x.names[-1]: x for x in models.extensions(("friction_both",), rests_of)}
     assert {*rests} == {"static_motor", "static_rotor_1"}
     names = unknowns(rests["static_rotor_1"])
     assert {"t_cm", "t_c1", "t_s1", "w_s1"} <= names
@@ -233,7 +233,7 @@ def test_only_parts_that_go_together_are_combined(tmp_path: Path) -> None:
     without = [("friction_both", "ar1"), ("friction_both", "static_motor")]
     lesser = [("friction_motor", "static_motor", "ar1"), (*without[1], "unknown_noise")]
     assert [x.names for x in fewer] == without + lesser
-    assert models.beyond(tuple(f"x{k}" for k in range(MOST_PARTS)), every) == []
+    assert models.extensions(tuple(f"x{k}" for k in range(MOST_PARTS)), every) == []
 
 
 @run_cases("name", ["as_given", "ar1", "damping_shaft"])

@@ -124,7 +124,7 @@ def test_a_clock_is_multiplied(tmp_path: Path) -> None:
     lines, slower = changed(of, "clock", clock=0.98)
     assert lines == {"record": {"time": {"scale": 0.98}}}
     record = slower.problem.experiment
-    np.testing.assert_allclose(record.t[record.seen[:, 0]], 0.98 * T)
+    np.testing.assert_allclose(record.t[record.is_measured[:, 0]], 0.98 * T)
     supply = np.interp(T[:60], record.t, record.series["u_hub"])
     np.testing.assert_allclose(supply, SWING[:60], atol=0.1)
     of.source.data["record"]["time"] = {"rate": 100.0}

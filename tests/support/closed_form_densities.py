@@ -25,11 +25,11 @@ class Walled:
     def high(self) -> np.ndarray:
         return self.middle + self.reach * self.spread
 
-    def inside(self, u: np.ndarray) -> np.ndarray:
+    def in_support(self, u: np.ndarray) -> np.ndarray:
         return ((u >= self.low) & (u <= self.high)).all(axis=1)
 
     def value(self, u: np.ndarray) -> np.ndarray:
-        return np.where(self.inside(u), self.log_density(u), -np.inf)
+        return np.where(self.in_support(u), self.log_density(u), -np.inf)
 
     def log_density(self, u: np.ndarray) -> np.ndarray:
         raise NotImplementedError

@@ -152,7 +152,7 @@ def fit_of(n_channels: int, n_samples: int, courses: int = 0) -> Fit:
                 predictive=response + sigma * rng.standard_normal((8, n_samples)),
                 sigma=sigma,
                 dots=measured(response),
-                share=0.0213,
+                unexplained=0.0213,
             )
         )
     driven = tuple(course(n_samples) for _ in range(courses))

@@ -30,7 +30,7 @@ def shared(name: str) -> Path:
 def read_records(config: Path) -> tuple[str, ...]:
     """What is said of the records of a config, which is valid."""
     records = [reading.read(experiment) for experiment in loading.load(config).experiments]
-    return tuple(sentence for record in records for sentence in record.told)
+    return tuple(sentence for record in records for sentence in record.notes)
 
 
 @starts_believed()

@@ -20,7 +20,7 @@ def rough(target: Target, d: int, n_ridges: int = 1) -> Proposal:
     drawn = proposal.draw(4000, np.random.RandomState(1)).u
     draws = target.draw(2000, d, np.random.default_rng(8))
     typical = float(np.median(target.log_density(draws) - proposal.log_density(draws)))
-    return Proposal(proposal, float(target.inside(drawn).mean()), typical)
+    return Proposal(proposal, float(target.in_support(drawn).mean()), typical)
 
 
 def over(target: Target, d: int, n_ridges: int) -> Mixture:
@@ -48,4 +48,4 @@ def advance_draws(
     z = target.draw(4000, d, np.random.default_rng(100 + d))
     state = State(z, target.log_density(z), np.random.RandomState(100 + d).get_state())
     evaluate = lambda z: (target.log_density(z), 0)  # noqa: E731
-    return advance(evaluate, state, steps, moves, proposal, target.inside)
+    return advance(evaluate, state, steps, moves, proposal, target.in_support)

@@ -53,7 +53,7 @@ class Target:
         """Draws `(n, d)` as independent uniform variables."""
         raise NotImplementedError
 
-    def inside(self, x: np.ndarray) -> np.ndarray:
+    def in_support(self, x: np.ndarray) -> np.ndarray:
         return np.ones(len(x), dtype=bool)
 
     def mode(self, x: np.ndarray) -> np.ndarray:
@@ -138,7 +138,7 @@ class Bent(Target):
             log_p = (self.shape * psi - np.exp(psi)).sum(axis=1)
         return np.where(self._within(psi, e), log_p - 0.5 * (e**2).sum(axis=1) - log_det, -np.inf)
 
-    def inside(self, x: np.ndarray) -> np.ndarray:
+    def in_support(self, x: np.ndarray) -> np.ndarray:
         return self._within(*self.parts(x)[:2])
 
     def uniforms(self, x: np.ndarray) -> np.ndarray:
@@ -185,9 +185,9 @@ class Boxed(Target):
         return self.centre[:d] + self.scales[:d] * np.log1p(rise * rng.random((n, d))) / self.rate
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
-        return np.where(self.inside(x), self.rate * self._base(x).sum(axis=1), -np.inf)
+        return np.where(self.in_support(x), self.rate * self._base(x).sum(axis=1), -np.inf)
 
-    def inside(self, x: np.ndarray) -> np.ndarray:
+    def in_support(self, x: np.ndarray) -> np.ndarray:
         base = self._base(x)
         return ((base > 0.0) & (base < 1.0)).all(axis=1)
 

@@ -134,7 +134,7 @@ class ExactMotion:
         """Return what channels show, `(T, K)`."""
         sensing, record, states = self.sensing, self.record, self.states()
         x0, before = states[0], np.zeros_like(states[0])
-        if sensing.moves(record.start, self.model.angles):
+        if sensing.may_move(record.start, self.model.angles):
             z = np.concatenate([x0, [LONG(1)], self.u[0], 0 * self.u[0]])
             before = (self.m @ z)[: len(x0)]
         delay = self.p[sensing.delay] if sensing.delay else LONG(0)

@@ -70,7 +70,7 @@ def verdict(
     draws: np.ndarray, tolerance: float = 0.0, pressed: tuple[str, ...] = (), *, fits: bool = True
 ) -> Verdict:
     limits = dict.fromkeys(NAMES, tolerance)
-    return judge(LINEAR, draws, PRIOR, TABLE, limits, pressed, IdentifySpec(), fits=fits)
+    return judge(LINEAR, draws, PRIOR, TABLE, limits, pressed, IdentifySpec(), model_fits=fits)
 
 
 def off_by(study: IdentifiabilityStudy, named: Collection[str], off: float) -> dict[str, float]:

@@ -122,7 +122,7 @@ def test_refits_have_the_priors_of_the_run_and_no_measured_value(tmp_path: Path)
     assert dict(measured.posterior.space.priors) == dict(simulated.posterior.space.priors)
     for own, other in zip(measured.observations, simulated.observations, strict=True):
         assert not np.nansum(np.abs(other.experiment.y))
-        assert np.array_equal(own.experiment.seen, other.experiment.seen)
+        assert np.array_equal(own.experiment.is_measured, other.experiment.is_measured)
 
 
 SIGMA = 0.1

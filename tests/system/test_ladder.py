@@ -83,7 +83,7 @@ def guessed(
     job = prepare(command_line.small_config(folder, ("walkers: 8", "walkers: 24")))
     template = refit_candidate(job.problem.posterior, job.problem.posterior.space.start, -math.inf)
     assert template is not None
-    misfit = tuple(dataclasses.replace(row, correlation=1.0) for row in template.fit)
+    misfit = tuple(dataclasses.replace(row, correlation=1.0) for row in template.residuals)
     rivals = list[float]()
 
     class Guessing(ranking.Ranking):
@@ -94,10 +94,10 @@ def guessed(
             rival: Callable[[], float] = lambda: -math.inf,
         ) -> None:
             for rung in candidates:
-                rivals.append(rival() - self.given.log_z)
+                rivals.append(rival() - self.base.log_z)
                 odds = log_odds({*rung.names})
-                fit = template.fit if odds >= enough else misfit
-                top = dataclasses.replace(template, fit=fit, log_z=self.given.log_z + odds)
+                fit = template.residuals if odds >= enough else misfit
+                top = dataclasses.replace(template, residuals=fit, log_z=self.base.log_z + odds)
                 self._keep(rung, job, top)
 
     def submit(*_: object, **_named: object) -> Future[RefitMaximum]:

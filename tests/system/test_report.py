@@ -189,7 +189,7 @@ def test_another_config_or_chain_is_analysed_anew(runs: Path) -> None:
     folder = runs / "plain"
     run = run_json(folder)
     (folder / "run.json").write_text(dumps_checksummed(run | {"analysis_of": "another"}))
-    assert bd.open(folder).kept is None
+    assert bd.open(folder).stored is None
     assert as_data(bd.open(folder).analysis) == run["analysis"]
     formula = "derived: {twice: {formula: 2*k_e, unit: V}}"
     replace_text(folder / "config.resolved.yaml", "derived: {}", formula)
@@ -222,7 +222,7 @@ def test_a_derived_quantity_that_fails_is_tried_once(
 
     run = pipeline.read_result(finished / "plain")
     monkeypatch.setattr(derived, "with_products", fail)
-    view = conclusions.concluded(dataclasses.replace(run, kept=None))
+    view = conclusions.concluded(dataclasses.replace(run, stored=None))
     assert view.derived.symbols == ()
     assert view.chain.errors.missing == ["derived quantities (ValueError: no product)"]
 

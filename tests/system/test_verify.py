@@ -313,11 +313,11 @@ def test_every_file_of_a_record_is_part_of_its_run(tmp_path: Path) -> None:
         assert f"<code>{name}</code>" in page
     assert bd.verify(out).together
     replace_once(more / "supply.csv", rows[70], rows[70].replace(",8", ",8.25"))
-    assert "the input v" in bd.verify(out).said
+    assert "the input v" in bd.verify(out).summary
     replace_once(more / "supply.csv", ",8.25", ",8")
     time, before = lines[30].split(",")[0], lines[29].split(",", 1)[1]
     replace_once(more / "speed.csv", lines[30], f"{time},{before}")
-    assert "the record was 101 samples" in bd.verify(out).said
+    assert "the record was 101 samples" in bd.verify(out).summary
 
 
 @pytest.fixture

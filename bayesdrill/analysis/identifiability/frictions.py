@@ -131,7 +131,7 @@ def distinguish(
     if not wanted & {*sensitivity.unknowns, *sensitivity.nuisances}:
         return NO_CONFOUNDING
     scene = _FrictionStudy(sensitivity, posterior, theta)
-    return FrictionConfounding(alike=tuple(scene.alike()), unseen=tuple(scene.unseen()))
+    return FrictionConfounding(alike=tuple(scene.confounded()), unseen=tuple(scene.unseen()))
 
 
 class _FrictionStudy:
@@ -157,7 +157,7 @@ class _FrictionStudy:
         k = [self.names[j] for j in unknown].index(name)
         return float(scale[k] * np.sqrt(spread[k, k]))
 
-    def alike(self) -> Iterator[Confounded]:
+    def confounded(self) -> Iterator[Confounded]:
         reported: set[frozenset[str]] = set()
         for name, others in rivals(self.model.roles).items():
             known = [other for other in others if other in self.names]
@@ -181,7 +181,7 @@ class _FrictionStudy:
             )
 
     def _named_rivals(
-        self, name: str, rivals: Sequence[str], alone: float, fall: float
+        self, name: str, rivals: Sequence[str], sd_alone: float, fall: float
     ) -> tuple[str, ...]:
         """Select, one after the other, the rivals that would reduce the sd most if they were known."""
         named: list[str] = []
@@ -189,7 +189,7 @@ class _FrictionStudy:
             others = [rival for rival in rivals if rival not in named]
             sds = [self._sd(name, self.known, [*named, rival]) for rival in others]
             named.append(others[int(np.argmin(sds))])
-            if np.log(alone / min(sds)) >= MIN_EXPLAINED_FALL * np.log(fall):
+            if np.log(sd_alone / min(sds)) >= MIN_EXPLAINED_FALL * np.log(fall):
                 break
         return tuple(named)
 
@@ -222,12 +222,12 @@ class _FrictionStudy:
         )
 
     @cached_property
-    def tried(self) -> list[tuple[str, float | None, Array]]:
+    def experiments(self) -> list[tuple[str, float | None, Array]]:
         """Return name, voltage and posterior precision of each possible experiment."""
         tried = []
         for what, volts, scene in self._scenes():
             rows = self.sensitivity.with_nuisances(self.theta, scene)
-            both = np.vstack([self.rows, rows]) if scene.times else rows  # a further record
+            both = np.vstack([self.rows, rows]) if scene.factors else rows  # a further record
             tried.append((what, volts, self._precision(both)))
         return tried
 
@@ -235,7 +235,7 @@ class _FrictionStudy:
         now = self._sd(name, self.known)
         proposals = [
             ProposedExperiment(what=what, volts=volts, shrink=now / self._sd(name, then))
-            for what, volts, then in self.tried
+            for what, volts, then in self.experiments
         ]
         helpful = [proposal for proposal in proposals if proposal.shrink > MIN_HELPFUL_FALL]
         return tuple(sorted(helpful, key=lambda proposal: -proposal.shrink)[:MAX_PROPOSED])
@@ -252,14 +252,14 @@ class _FrictionStudy:
             if 0 < stop < size:
                 yield "stops", BELOW_STALL * stop, self._at_other_voltage(BELOW_STALL * stop / size)
         elif v := self.sensitivity.mean_input(supply):
-            yield "turned half-way", None, DesignVariant(late={supply: -2.0 * v})
+            yield "turned half-way", None, DesignVariant(shifts={supply: -2.0 * v})
             if 0 < stop < abs(v):
                 low = float(np.sign(v)) * BELOW_STALL * stop
-                yield "stops half-way", low, DesignVariant(late={supply: low - v})
+                yield "stops half-way", low, DesignVariant(shifts={supply: low - v})
         yield "half", 0.5 * size, self._at_other_voltage(0.5)
 
     def _at_other_voltage(self, times: float) -> DesignVariant:
-        return DesignVariant(times=dict.fromkeys(self.drives, times))
+        return DesignVariant(factors=dict.fromkeys(self.drives, times))
 
 
 def drives_of(model: Model) -> list[str]:

@@ -30,16 +30,16 @@ from bayesdrill.record.experiment import channels_first, with_states
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignVariant:
-    """A design variant changes the experiments, or adds changed copies if `beside` is true.
+    """A design variant changes the experiments, or adds changed copies if `keeps_original` is true.
 
-    `extra` maps further measured states to their sigma, SI.  `late` is added to inputs in the second
-    half of each record, and `times` multiplies them throughout.
+    `extra` maps further measured states to their sigma, SI.  `shifts` are added to inputs in the second
+    half of each record, and `factors` multiply them throughout.
     """
 
     extra: Mapping[str, float] = field(default_factory=dict)
-    late: Mapping[str, float] = field(default_factory=dict)
-    times: Mapping[str, float] = field(default_factory=dict)
-    beside: bool = False
+    shifts: Mapping[str, float] = field(default_factory=dict)
+    factors: Mapping[str, float] = field(default_factory=dict)
+    keeps_original: bool = False
 
 
 AS_RECORDED = DesignVariant()
@@ -109,7 +109,7 @@ class SensitivityStudy:
         The row of a sample is zero if its derivatives exceed `LARGEST_SLOPE`.
         """
         parts = self.by_experiment(theta, scene)
-        if scene.beside:
+        if scene.keeps_original:
             parts = [*self.by_experiment(theta), *parts]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
@@ -163,9 +163,9 @@ class _ExtendedExperiment:
         # Cache: the last point with the inputs of the record, and its signals and their derivatives.
         self._recorded: tuple[bytes, tuple[Array, Array]] | None = None
 
-    def whitened(self, full: Array, along: Array, theta: Array, scene: DesignVariant) -> Array:
+    def whitened(self, full: Array, directions: Array, theta: Array, scene: DesignVariant) -> Array:
         """Return whitened rows `(n, m + k)`, which are zero where nothing was measured."""
-        slopes = self.course(full, along, scene)[1]
+        slopes = self.course(full, directions, scene)[1]
         rows = self._one.whitened_jacobian_at(slopes[:, :, : self.k], theta)
         if scene.extra:
             more = slopes[:, :, [self.k + self._states.index(name) for name in scene.extra]]
@@ -174,19 +174,19 @@ class _ExtendedExperiment:
         readable = (np.abs(rows) < LARGEST_SLOPE).all(axis=1)
         return np.where(readable[:, None], rows, 0.0)
 
-    def course(self, full: Array, along: Array, scene: DesignVariant) -> tuple[Array, Array]:
+    def course(self, full: Array, directions: Array, scene: DesignVariant) -> tuple[Array, Array]:
         """Return signals `(T, K + X)` and their derivatives `(q, T, K + X)`.
 
         With the inputs of the record, the arrays are read-only and cached for the last point.
         """
-        at = [self._one.simulator_parameters(parameters) for parameters in (full, along)]
+        at = [self._one.simulator_parameters(parameters) for parameters in (full, directions)]
         point, response = b"".join(map(bytes, at)), self._response
-        changed = bool(scene.late or scene.times)
+        changed = bool(scene.shifts or scene.factors)
         if changed:
             pushed = {}
             for name, u in self.base.items():
-                more = (scene.times.get(name, 1.0) - 1.0) * (u + self.constant.get(name, 0.0))
-                pushed[name] = np.asarray(u + more + scene.late.get(name, 0.0) * self._late)
+                more = (scene.factors.get(name, 1.0) - 1.0) * (u + self.constant.get(name, 0.0))
+                pushed[name] = np.asarray(u + more + scene.shifts.get(name, 0.0) * self._late)
             response = response.of(dataclasses.replace(response.experiment, series=pushed))
         elif self._recorded is not None and self._recorded[0] == point:
             return self._recorded[1]

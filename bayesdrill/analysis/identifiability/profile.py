@@ -50,7 +50,7 @@ class Profile:
     high: float | None
     shape: Shape
 
-    def over(self, factor: float) -> Profile:
+    def in_unit(self, factor: float) -> Profile:
         """Return the profile in a unit that is `factor` times the present unit."""
         low, high = (None if x is None else x / factor for x in (self.low, self.high))
         values, best = self.values / factor, self.best / factor
@@ -91,7 +91,7 @@ class Fitter:
         logs[column] = value
         return self._fit(logs, column)
 
-    def spread(self) -> Array:
+    def sds(self) -> Array:
         """Return the sds `(m,)` of the logs at the best fit, with priors of sd = range / sqrt(12)."""
         rows = self._jacobian(self.best.logs)
         names = (*self._sensitivity.unknowns, *self._sensitivity.nuisances)
@@ -110,13 +110,13 @@ class Fitter:
             before = residuals @ residuals
             while damping < 1e8:
                 step = self._step(reduced, logs[free], free, damping)
-                probe = self._residuals(self._moved(logs, free, PROBE_SHARE * step)) - residuals
+                probe = self._residuals(self._advanced(logs, free, PROBE_SHARE * step)) - residuals
                 bent = (2.0 / PROBE_SHARE) * (probe / PROBE_SHARE - rows @ step)
                 reduced_bent = np.column_stack([reduced[:, :-1], turned.T @ bent])
                 bend = self._step(reduced_bent, logs[free], free, damping)
                 if np.linalg.norm(bend) <= MAX_ACCELERATION * np.linalg.norm(step):
                     step = step + 0.5 * bend
-                new_logs = self._moved(logs, free, step)
+                new_logs = self._advanced(logs, free, step)
                 new_residuals = self._residuals(new_logs)
                 if new_residuals @ new_residuals < before:
                     break
@@ -139,12 +139,12 @@ class Fitter:
         bounded = scipy.optimize.lsq_linear(matrix, target, bounds=(low, high), method="bvls")
         return np.asarray(bounded.x)
 
-    def _moved(self, logs: Array, free: Indices, step: Array) -> Array:
+    def _advanced(self, logs: Array, free: Indices, step: Array) -> Array:
         moved = logs.copy()
         moved[free] = np.clip(logs[free] + step, self.low[free], self.high[free])
         return moved
 
-    def along(self, column: int, values: Array) -> Array:
+    def to_si(self, column: int, values: Array) -> Array:
         """Convert `values (n,)` of one unknown from its natural scale to SI."""
         rows = np.zeros((len(values), self._m))
         rows[:, column] = values
@@ -174,9 +174,9 @@ class ProfileFit:
 def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
     """Profile the likelihood of the unknown in `column`."""
     best = fitter.best
-    centre, sd = best.logs[column], fitter.spread()[column]
-    down = _side(fitter, column, centre, sd, fitter.low[column])
-    up = _side(fitter, column, centre, sd, fitter.high[column])
+    centre, sd = best.logs[column], fitter.sds()[column]
+    down = _profile_to_end(fitter, column, centre, sd, fitter.low[column])
+    up = _profile_to_end(fitter, column, centre, sd, fitter.high[column])
     values, fits = zip(*reversed(down), (centre, best), *up, strict=True)
     logs, costs = np.array(values), np.array([fit.cost for fit in fits])
     lowest = int(np.argmin(costs))  # a neighbour may be better than the first fit
@@ -198,21 +198,21 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
         return None
 
     def physical(value: float | None) -> float | None:
-        return None if value is None else float(fitter.along(column, np.array([value]))[0])
+        return None if value is None else float(fitter.to_si(column, np.array([value]))[0])
 
     low, high = crossing(range(lowest, 0, -1)), crossing(range(lowest, len(logs) - 1))
     return Profile(
         name=names[column],
-        values=fitter.along(column, logs),
+        values=fitter.to_si(column, logs),
         loss=loss,
-        best=float(fitter.along(column, logs[[lowest]])[0]),
+        best=float(fitter.to_si(column, logs[[lowest]])[0]),
         low=physical(low),
         high=physical(high),
         shape=_shape(low, high, logs, lowest),
     )
 
 
-def _side(
+def _profile_to_end(
     fitter: Fitter, column: int, centre: float, sd: float, end: float
 ) -> list[tuple[float, ProfileFit]]:
     """Return values up to an end of the prior, and their fits; each fit begins at the previous fit."""

@@ -114,7 +114,7 @@ def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
         block = rows[:, pivots]
         if n == 0 or np.linalg.cond(block) > 1e8:
             continue
-        candidates |= {e for e in map(_whole, np.linalg.solve(block, rows)) if e is not None}
+        candidates |= {e for e in map(_as_integers, np.linalg.solve(block, rows)) if e is not None}
     independent: list[Exponents] = []
     for candidate in sorted(candidates, key=_complexity):
         extended = np.array([*independent, candidate], dtype=float)
@@ -137,7 +137,7 @@ def _complement(rows: Array, m: int) -> Array:
     return np.asarray(directions[int(np.sum(values > SAME_DIRECTION * values[0])) :])
 
 
-def _whole(row: Array) -> Exponents | None:
+def _as_integers(row: Array) -> Exponents | None:
     """Return the row times the smallest factor that makes all entries whole, or None."""
     fractions = [Fraction(float(x)).limit_denominator(MAX_DENOMINATOR) for x in row]
     if any(abs(float(f) - x) > 1e-6 for f, x in zip(fractions, row, strict=True)):
@@ -247,14 +247,14 @@ class DependsOnFixed:
 def depends_on_fixed(
     posterior: Posterior,
     theta: Array,
-    known: Information,
+    information: Information,
     prior_sd: Array,
     rng: np.random.Generator,
 ) -> tuple[DependsOnFixed, ...]:
     """Find the scales of unknowns that fixed numbers determine.
 
-    Users expect scales with more fixed numbers than unknowns, so these are omitted.  `known` is the
-    information at `theta (D,)`, `prior_sd (m,)` are sds of logs, and `rng` draws points of the prior.
+    Users expect scales with more fixed numbers than unknowns, so these are omitted.  `information` is
+    that at `theta (D,)`, `prior_sd (m,)` are sds of logs, and `rng` draws points of the prior.
     """
     space, observations = posterior.space, posterior.likelihood.observations
     model = observations[0].response.model
@@ -272,7 +272,7 @@ def depends_on_fixed(
     wider = posterior.edit(free=freed)
     point = np.insert(theta, len(space.columns("rig", "quantity")), values)
     structure = structure_of(wider, SensitivityStudy(wider.likelihood), point, rng)
-    follows = prior_following(known, prior_sd)
+    follows = prior_following(information, prior_sd)
     scales = (
         DependsOnFixed(names=structure.names, exponents=e, held=fixed, following=follows)
         for e in structure.symmetries
@@ -280,7 +280,7 @@ def depends_on_fixed(
     return tuple(scale for scale in scales if 0 < len(scale.through) <= len(scale.unknown))
 
 
-def prior_following(known: Information, prior_sd: Array) -> Array:
+def prior_following(information: Information, prior_sd: Array) -> Array:
     """Return derivatives `(m, m)` of the posterior mean of each log by the mean of each prior."""
-    spread = np.linalg.inv(known.with_priors(prior_sd).root)
+    spread = np.linalg.inv(information.with_priors(prior_sd).root)
     return np.asarray(spread @ spread.T / prior_sd**2)

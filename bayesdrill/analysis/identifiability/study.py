@@ -102,26 +102,26 @@ def remedies(
 
 
 def _actions(
-    sensitivity: SensitivityStudy, theta: Array, now: Information
+    sensitivity: SensitivityStudy, theta: Array, information: Information
 ) -> Iterator[tuple[str, Information]]:
     names = sensitivity.unknowns
     for name, unit in zip(names, np.eye(len(names)), strict=True):
-        yield f"weigh or measure {name} to 1 %", now.with_knowledge(unit, WEIGHED_TO)
+        yield f"weigh or measure {name} to 1 %", information.with_knowledge(unit, WEIGHED_TO)
     # In an ideal motor, conservation of energy makes torque and back-EMF constants equal in SI.
     for motor in sensitivity.model.roles.motors:
         first, second = motor.torque_constant, motor.back_emf
         if first in names and second in names:
             equal = np.zeros(len(names))
             equal[names.index(first)], equal[names.index(second)] = 1.0, -1.0
-            yield f"tie {first} = {second}", now.with_knowledge(equal, WEIGHED_TO)
-    yield from _added_inertias(sensitivity, theta, now)
+            yield f"tie {first} = {second}", information.with_knowledge(equal, WEIGHED_TO)
+    yield from _added_inertias(sensitivity, theta, information)
     others, channels = _other_drives(sensitivity), _more_channels(sensitivity, theta)
     for what, scene in (*others, *channels, *_other_inputs(sensitivity, theta)):
         yield what, from_sensitivities(names, sensitivity.sensitivities(theta, scene))
 
 
 def _added_inertias(
-    sensitivity: SensitivityStudy, theta: Array, now: Information
+    sensitivity: SensitivityStudy, theta: Array, information: Information
 ) -> Iterator[tuple[str, Information]]:
     """Yield a repetition of the experiments with a weighed inertia added to each unknown one."""
     names, space = sensitivity.unknowns, sensitivity.likelihood.space
@@ -138,7 +138,7 @@ def _added_inertias(
         rows[:, place] = total
         weighed = np.append(np.zeros(len(names)), 1.0 / WEIGHED_TO)
         both = np.vstack([np.hstack([rows, ADDED_SHARE * total]), weighed])
-        root = root_of(np.vstack([now.root, project_out(both, len(names))]))
+        root = root_of(np.vstack([information.root, project_out(both, len(names))]))
         size = f"{ADDED_SHARE * theta[column]:.2g} {sensitivity.model.symbols[symbol].unit}"
         what = f"repeat it with an inertia of {size} (to 1 %) added to {symbol}"
         yield what, Information(names, root)
@@ -152,7 +152,7 @@ def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVa
         if any(each.constant.get(name, 0.0) or name in each.series for each in experiments):
             typical = float(np.mean([typical_inputs(each)[name] for each in experiments]))
             size = f"{OTHER_DRIVE * typical:.3g} {rig.symbols[name].plain_unit}"
-            other = DesignVariant(times={name: OTHER_DRIVE}, beside=True)
+            other = DesignVariant(factors={name: OTHER_DRIVE}, keeps_original=True)
             yield f"another experiment at {size}", other
 
 
@@ -188,11 +188,11 @@ def _other_inputs(
             continue
         drive, free = drive_words(rig, name)
         size = f"{OTHER_DRIVE * mean:.3g} {rig.symbols[name].plain_unit}"
-        change = DesignVariant(late={name: (OTHER_DRIVE - 1.0) * mean})
+        change = DesignVariant(shifts={name: (OTHER_DRIVE - 1.0) * mean})
         yield f"change the {drive} to {size} half-way", change
         if free:
             coast = f"let the rig coast down half-way ({free})"
-            yield coast, DesignVariant(late={name: -mean})
+            yield coast, DesignVariant(shifts={name: -mean})
     loaded = [i for i in rig.roles.inertias if i.load in sensitivity.inputs]
     for inertia in loaded:
         where = f" {inertia.at}" if len(loaded) > 1 else ""
@@ -200,11 +200,11 @@ def _other_inputs(
 
 
 def _load(
-    sensitivity: SensitivityStudy, theta: Array, torque: str, where: str
+    sensitivity: SensitivityStudy, theta: Array, torque: str, location: str
 ) -> Iterator[tuple[str, DesignVariant]]:
     """Yield a variant with a known load in the second half that is large enough to be seen."""
     motion, observations = sensitivity.model.roles.motion, sensitivity.likelihood.observations
-    loaded = sensitivity.motions(theta, DesignVariant(late={torque: 1.0}))
+    loaded = sensitivity.motions(theta, DesignVariant(shifts={torque: 1.0}))
     changes = []  # largest change of a channel by a unit load, relative to the channel's range
     for observation, *both in zip(observations, sensitivity.motions(theta), loaded, strict=True):
         free, pushed = (x @ observation.experiment.weights(sensitivity.states).T for x in both)
@@ -213,8 +213,10 @@ def _load(
     change = float(np.max(changes))
     if 0 < change < np.inf:
         load = LOAD_SHARE / change
-        what = f"apply a known load {motion.torque} of {load:.2g} {motion.newtons}{where} half-way"
-        yield what, DesignVariant(late={torque: load})
+        what = (
+            f"apply a known load {motion.torque} of {load:.2g} {motion.newtons}{location} half-way"
+        )
+        yield what, DesignVariant(shifts={torque: load})
 
 
 MIN_FALL = 2.0  # knowing a nuisance reduces the sd of an unknown like it at least by this factor
@@ -262,11 +264,15 @@ def products(
 
 
 def _known_products(
-    information: Information, exponents: Array, sds: Array, before: Array, thresholds: IdentifySpec
+    information: Information,
+    exponents: Array,
+    sds: Array,
+    prior_sds: Array,
+    thresholds: IdentifySpec,
 ) -> tuple[KnownProduct, ...]:
     """Return the products with `exponents (n, m)`.
 
-    Their logs have the sds `sds (n,)` with record and priors, and `before (n,)` by the priors alone.
+    Their logs have the sds `sds (n,)` with record and priors, and `prior_sds (n,)` by the priors alone.
     """
     return tuple(
         KnownProduct(
@@ -276,7 +282,7 @@ def _known_products(
             bound=information.bound(powers),
             word=thresholds.classify(sd / prior_sd),
         )
-        for powers, sd, prior_sd in zip(exponents, sds.tolist(), before.tolist(), strict=True)
+        for powers, sd, prior_sd in zip(exponents, sds.tolist(), prior_sds.tolist(), strict=True)
     )
 
 
@@ -367,14 +373,14 @@ MIN_MOTION_OVER_NOISE = 3.0  # smallest sd / noise of a moving channel; noise by
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyPoint:
-    """A study is made at the point `theta (D,)`, which sentences name by `at`.
+    """A study is made at the point `theta (D,)`, which sentences name by `description`.
 
-    Channels in `still` move in the record but not at the start.  `at` is empty if no point moves them.
+    Channels in `inert` move only in the record.  `description` is empty if no point moves them.
     """
 
     theta: Array
-    at: str
-    still: tuple[str, ...] = ()
+    description: str
+    inert: tuple[str, ...] = ()
 
 
 def study_point(sensitivity: SensitivityStudy, posterior: Posterior, seed: int) -> StudyPoint:
@@ -385,14 +391,14 @@ def study_point(sensitivity: SensitivityStudy, posterior: Posterior, seed: int) 
     space = posterior.space
     start = space.vector(space.start)
     if not (still := _still_channels(sensitivity, start)):
-        return StudyPoint(theta=start, at="the start")
+        return StudyPoint(theta=start, description="the start")
     drawn = space.draw(START_DRAWS, seeds.stream(seed, "identify", 2))
     likely = np.argsort(-(excerpt(posterior) or posterior).density(drawn), kind="stable")[:TRIED]
     moving = (theta for theta in drawn[likely] if not _still_channels(sensitivity, theta))
     if (theta := next(moving, None)) is None:
-        return StudyPoint(theta=start, at="", still=still)
+        return StudyPoint(theta=start, description="", inert=still)
     name = f"the most probable draw with motion, of {START_DRAWS} draws from the priors"
-    return StudyPoint(theta=theta, at=name, still=still)
+    return StudyPoint(theta=theta, description=name, inert=still)
 
 
 def _still_channels(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, ...]:
@@ -401,7 +407,7 @@ def _still_channels(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, .
         experiment = observation.experiment
         with np.errstate(all="ignore"):
             predicted = observation.predict(full, theta[None])[0]
-            for k, seen in enumerate(experiment.seen.T):
+            for k, seen in enumerate(experiment.is_measured.T):
                 y, noise = experiment.y[seen, k], np.diff(experiment.y[seen, k]).std() / 2.0**0.5
                 moves = np.ptp(predicted[seen, k]) > STILL * np.ptp(y)
                 if not moves and y.std() > MIN_MOTION_OVER_NOISE * noise:

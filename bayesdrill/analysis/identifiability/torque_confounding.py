@@ -60,15 +60,15 @@ class TorqueConfounding:
 
 
 def find_confounded(
-    posterior: Posterior, theta: Array, before: Array, rng: np.random.Generator
+    posterior: Posterior, theta: Array, prior_sds: Array, rng: np.random.Generator
 ) -> tuple[TorqueConfounding, ...]:
-    """Find parameters that a missing torque can replace at `theta (D,)`, with prior sds `before`."""
+    """Find parameters that a missing torque can replace at `theta (D,)`, with prior sds `prior_sds`."""
     observations = posterior.likelihood.observations
     torques = [observation.torque for observation in observations if observation.torque]
     if not torques:
         return ()
     seeds = rng.integers(2**32, size=DRAWN_RECORDS)
-    known = _information(posterior, theta, before, seeds)
+    known = _information(posterior, theta, prior_sds, seeds)
     if not np.isfinite(known).all():
         return ()
     names, rig = posterior.space.free, posterior.space.columns("rig", "quantity")
@@ -76,8 +76,8 @@ def find_confounded(
     without = posterior.edit(convert=lambda o: o.torque.scale_torque(NO_TORQUE) if o.torque else o)
     theta_without = theta.copy()
     theta_without[[k for k, name in enumerate(names) if name.startswith(SIZE)]] *= NO_TORQUE
-    alone = np.sqrt(np.diag(np.linalg.inv(_information(without, theta_without, before, seeds))))
-    worse = [k for k in rig if sds[k] > MIN_LOSS * alone[k] and sds[k] > KNOWN_SHARE * before[k]]
+    alone = np.sqrt(np.diag(np.linalg.inv(_information(without, theta_without, prior_sds, seeds))))
+    worse = [k for k in rig if sds[k] > MIN_LOSS * alone[k] and sds[k] > KNOWN_SHARE * prior_sds[k]]
     if not worse:
         return ()
     # A state could be measured in addition if no channel shows it by itself.
@@ -85,7 +85,7 @@ def find_confounded(
     shown = {name for c in first.experiment.channels for name in c.weights if len(c.weights) == 1}
     unseen = [name for name in first.response.model.states if name not in shown]
     measured = {
-        state: _information(_measuring(posterior, theta, unseen, state), theta, before, seeds)
+        state: _information(_measuring(posterior, theta, unseen, state), theta, prior_sds, seeds)
         for state in unseen
     }
 
@@ -109,7 +109,7 @@ def find_confounded(
             at=torques[0].kalman_filter.torque.at,
             sd=float(sds[k]),
             alone=float(alone[k]),
-            before=float(before[k]),
+            before=float(prior_sds[k]),
             helps=helps(k),
         )
         for k in worse
@@ -139,9 +139,9 @@ def scaled_with_torque(
     return tuple(scalings)
 
 
-def _information(posterior: Posterior, theta: Array, before: Array, seeds: Counts) -> Array:
+def _information(posterior: Posterior, theta: Array, prior_sds: Array, seeds: Counts) -> Array:
     """Return the Fisher information `(D, D)` of the logs of the unknowns, with the priors."""
-    full, total = posterior.space.full(theta[None]), np.diag(1.0 / before**2)
+    full, total = posterior.space.full(theta[None]), np.diag(1.0 / prior_sds**2)
     steps = posterior.coordinates.slopes_by_natural(theta[None])[0]
     for seed in seeds:
         rng = np.random.default_rng(seed)

@@ -46,9 +46,9 @@ def start_beyond_lags(
     If the rig moves at the start, the first samples of a late sensor show motion before the start.
     If an input is recorded too late, the last samples depend on the input after the record's end.
     """
-    y, notes = np.array(experiment.y), list(experiment.told)
+    y, notes = np.array(experiment.y), list(experiment.notes)
     late = sensing.shifts or bool(sensing.input_lags)
-    moves, t = late and sensing.moves(experiment.start, model.angles), experiment.t
+    moves, t = late and sensing.may_move(experiment.start, model.angles), experiment.t
     felt = [ends_of(values[name], LAG_TAIL) for name in sensing.input_lags.values()]
     first = min([0.0, *(low for low, _ in felt)])
     last = max([0.0, *(high for _, high in felt)])
@@ -70,9 +70,9 @@ def start_beyond_lags(
                 words = "sample is left out, as it", "samples are left out, as they"
                 count = count_noun(int(undetermined.sum()), *words)
                 notes.append(f"{channel.name}: {count} may show {origin}")
-    if len(notes) == len(experiment.told):
+    if len(notes) == len(experiment.notes):
         return experiment
-    return dataclasses.replace(experiment, y=frozen(y), told=tuple(notes))
+    return dataclasses.replace(experiment, y=frozen(y), notes=tuple(notes))
 
 
 def check_lag(lag: ParsedNumber, experiment: Experiment) -> None:

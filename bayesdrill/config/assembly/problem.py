@@ -111,7 +111,7 @@ def _sensors_and_observation(
     experiment = response.experiment
     noise_model, section = build_noise(resolved.channels, len(experiment.t)), "record"
     try:
-        noise_model = noise_for_record(noise_model, experiment.t, experiment.seen)
+        noise_model = noise_for_record(noise_model, experiment.t, experiment.is_measured)
         section = "missing_torque"
         acts = latent_torque(resolved.config)
         observed = observe(response, noise_model, resolved.label, acts, resolved.torque)

@@ -66,7 +66,7 @@ def experiment_source(source: Source, label: str, local: Mapping[str, Any]) -> S
         if location[:2] == prefix and len(location) > 2:
             lines[location[2:]], moved[location[2:]] = line, location
     labels = tuple(map(str, source.data[EXPERIMENTS] or [label]))
-    alone = dataclasses.replace(source, data=data, lines=lines, repeated=(), moved=moved)
+    alone = dataclasses.replace(source, data=data, lines=lines, repeated=(), origins=moved)
     return dataclasses.replace(alone, labels=labels)
 
 

@@ -170,7 +170,9 @@ def _anomaly(
 ) -> Anomaly:
     """Return an anomaly at the places `spans`; `{}` in `do` is replaced by the column's entry."""
     where = tuple(_span_label(column.clock, spans, rows, k) for k in range(len(spans)))
-    return Anomaly(text=text, where=where, do=do.format(".".join(map(str, column.location))))
+    return Anomaly(
+        text=text, positions=where, advice=do.format(".".join(map(str, column.location)))
+    )
 
 
 def _span_label(clock: Clock, spans: Spans, rows: NDArray[np.intp], k: int) -> str:
@@ -226,7 +228,7 @@ def report_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn
         if mismatch > MAX_DERIVATIVE_MISMATCH:
             text = f"derived: {column.name} is said to be derived from {origin}, but is only {like}"
             do = "; if it was measured by a sensor of its own, remove derived_from"
-            sources.anomalies.append(Anomaly(text=text, where=(), do=do))
+            sources.anomalies.append(Anomaly(text=text, positions=(), advice=do))
 
 
 def _kinematic_factors(angle: str, speed: str) -> tuple[float, float] | None:

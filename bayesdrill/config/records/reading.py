@@ -118,8 +118,8 @@ class _Reader:
             first_order=any(map(_is_first_order, measured.values())),
             start={**self._resolved.initial_state, **turned},
             t_start=self._t_start(t, has_series=bool(series)),
-            told=tuple(self._sources.notes),
-            odd=tuple(self._sources.anomalies),
+            notes=tuple(self._sources.notes),
+            anomalies=tuple(self._sources.anomalies),
             held_out=None if held_out is None else frozen(held_out),
             input_steps={n: clocks.median_step(column.clock.t) for n, column in inputs.items()},
             written=Written(
@@ -164,7 +164,7 @@ class _Reader:
         if not math.isnan(close):
             text = f"clocks: two of the record's times, at {close:.10g} s, are nearly the same"
             do = "; one clock, written with different digits? Then give both columns the same `time:`"
-            self._sources.anomalies.append(Anomaly(text=text, where=(), do=do))
+            self._sources.anomalies.append(Anomaly(text=text, positions=(), advice=do))
         return t
 
     def _signals(self, t: Array, columns: dict[Location, RecordColumn]) -> Array:
@@ -278,7 +278,7 @@ class _Reader:
         if said := units.other_unit(str(spec.column), spec.unit):
             text = f"unit: the header of {spec.column!r} says {said}, and the config {spec.unit}"
             do = f"; correct `unit:` at {'.'.join(map(str, location))}, or rename the column"
-            self._sources.anomalies.append(Anomaly(text=text, where=(), do=do))
+            self._sources.anomalies.append(Anomaly(text=text, positions=(), advice=do))
         column = RecordColumn(location, spec, clock, unmasked)
         return column_cleaning.unwrap(self._sources, column)
 

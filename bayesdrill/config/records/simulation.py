@@ -161,7 +161,7 @@ def simulate_one(
     signals = response.signals(full)[0]
     noisy_channels = [_with_known_sigma(resolved, entry) for entry in resolved.channels]
     noise = build_noise(noisy_channels, len(signals))
-    noise = noise_for_record(noise, experiment.t, experiment.seen)
+    noise = noise_for_record(noise, experiment.t, experiment.is_measured)
     acts = latent_torque(resolved.config)
     observed = observe(response, noise, torque=acts, process=resolved.torque)
     noise_values = [_noise_truth(resolved, unknown) for unknown in observed.unknowns]

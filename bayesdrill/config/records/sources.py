@@ -133,22 +133,22 @@ class Files:
     """Keep tables and records that were read, so that no file is read twice.
 
     `tables` holds small tables by path, format, options and variables. `records` holds the first
-    record of each experiment by its label. `given` is the table of a record passed as arrays.
+    record of each experiment by its label. `array_table` is the table of a record passed as arrays.
     """
 
-    given: RecordTable | None = None
+    array_table: RecordTable | None = None
     tables: dict[tuple[Any, ...], RecordTable] = field(default_factory=dict)
     records: dict[str, tuple[ResolvedExperiment, Experiment]] = field(default_factory=dict)
 
     def table(
-        self, path: Path, form: str, options: Any, wanted: frozenset[str] | None
+        self, path: Path, form: str, options: Any, variables: frozenset[str] | None
     ) -> RecordTable:
-        """Return the table of a file, with all variables or only `wanted`; raises `InputError`."""
-        key = (path, form, options, wanted)
+        """Return the table of a file, with all variables or only `variables`; raises `InputError`."""
+        key = (path, form, options, variables)
         if key in self.tables:
             return self.tables[key]
         output_files.check_file(path)
-        table = FORMATS[form].read(path, options, wanted)
+        table = FORMATS[form].read(path, options, variables)
         if sum(column.size for column in table.variables.values()) <= MAX_KEPT:
             self.tables[key] = table
         return table
@@ -251,16 +251,16 @@ class Sources:
 
     def _read(self, location: Location, file: FileSpec | None) -> RecordTable | None:
         at_file: Location = ("record", "file") if file is None else (*location, "file")
-        if self._files.given is not None:
+        if self._files.array_table is not None:
             if file is None:
-                return self._files.given
+                return self._files.array_table
             self.add(at_file, "the record is given as arrays; give this column as one of them")
             return None
         path, written = path_of(self._resolved, file), file or self._config.record
         try:
             form = written.format or format_of(path)
             options: object = build_member(FORMATS[form].options, written)
-            table = self._files.table(path, form, options, self._wanted(file))
+            table = self._files.table(path, form, options, self._variables(file))
             return table.between(self._config.record.rows) if file is None else table
         except ValueError as error:
             self.add(at_file, str(error))
@@ -268,7 +268,7 @@ class Sources:
             self.issues += [Issue(self.label(at_file), str(p)) for p in error.problems]
         return None
 
-    def _wanted(self, file: FileSpec | None) -> frozenset[str] | None:
+    def _variables(self, file: FileSpec | None) -> frozenset[str] | None:
         """Return the variables that the config names in a file; None if one has only a number."""
         specs = [s for s in file_entries(self._config).values() if file_of(s) == file]
         times = [spec.time or self._config.record.time for spec in specs]
@@ -291,7 +291,7 @@ def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) ->
     if filtered and not experiment.uniform:
         way_out = "remove `decimate:`, write `filter: false`, or cut the record at gaps"
         return f"a filter needs equal time steps, and the steps of this record differ; {way_out}"
-    if filtered and not experiment.seen.all():
+    if filtered and not experiment.is_measured.all():
         k = int(np.argmin(experiment.counts))
         return (
             f"a filter needs every sample, and {rows - experiment.counts[k]} of "
@@ -329,12 +329,14 @@ def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:
         f"dropped. The filter removed (sd) {removed}. Sigma is the noise after the "
         "filter; the model is not filtered"
     )
-    return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, note))
+    return dataclasses.replace(
+        experiment, t=frozen(t), y=frozen(y), notes=(*experiment.notes, note)
+    )
 
 
 def decimate_unfiltered(experiment: Experiment, factor: int) -> Experiment:
     """Return the experiment with every `factor`-th sample of each channel, from the first on."""
-    measured = experiment.seen
+    measured = experiment.is_measured
     selected = measured & ((np.cumsum(measured, axis=0) - 1) % factor == 0)
     t, y = experiment.t, np.where(selected, experiment.y, np.nan)
     if not experiment.series and experiment.held_out is None:
@@ -349,4 +351,6 @@ def decimate_unfiltered(experiment: Experiment, factor: int) -> Experiment:
         "measured; motion above half the new rate acts as noise. Sigma is the noise of a single "
         "sample"
     )
-    return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, note))
+    return dataclasses.replace(
+        experiment, t=frozen(t), y=frozen(y), notes=(*experiment.notes, note)
+    )

@@ -34,7 +34,7 @@ def json_schema() -> str:
     schema = defs.pop("Config")
     # Names with the least restricted entries: signed parameters, states and driving inputs.
     free_names = {name for name, symbol in HOUSE.parameters.items() if symbol.signed}
-    free_names |= {*HOUSE.inputs, *HOUSE.starts} - {*HOUSE.idle}
+    free_names |= {*HOUSE.inputs, *HOUSE.starts} - {*HOUSE.optional_inputs}
     for place, entries in named.items():
         section = SECTIONS[place]
         if not issubclass(section, NamedSection):
@@ -70,8 +70,8 @@ def campaign_schema() -> str:
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 
 
-def _nested(schema: dict[str, Any], place: tuple[str, ...]) -> dict[str, Any]:
-    """Return the subschema at `place`; missing levels of it are created."""
-    for name in place:
+def _nested(schema: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
+    """Return the subschema at `path`; missing levels of it are created."""
+    for name in path:
         schema = schema.setdefault("properties", {}).setdefault(name, {})
     return schema

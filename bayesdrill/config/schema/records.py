@@ -301,7 +301,9 @@ class Inputs(NamedSection):
     @classmethod
     def defaults(cls, words: Vocabulary) -> Mapping[str, float | None]:
         """Return the default of each input: zero for loads that may be omitted, else None."""
-        return {name: 0.0 if name in words.idle else None for name in (*words.entries, DELAY)}
+        return {
+            name: 0.0 if name in words.optional_inputs else None for name in (*words.entries, DELAY)
+        }
 
 
 class Initial(NamedSection):

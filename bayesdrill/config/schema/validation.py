@@ -78,7 +78,7 @@ def named_entries(words: Vocabulary) -> Mapping[Place, Mapping[str, Any]]:
             entries[place][name] = Annotated[kind, about]
     inputs = entries["inputs",]
     for name, symbol in words.inputs.items():
-        spec: Any = InputSpec if name in words.idle else InputSpec | None
+        spec: Any = InputSpec if name in words.optional_inputs else InputSpec | None
         about = Field(description=f"{symbol.meaning} [{symbol.plain_unit}]")
         inputs[name] = Annotated[spec, about]
         if angle := words.angles.get(name):
@@ -100,22 +100,22 @@ def adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def read_config(
-    data: Any, words: Vocabulary, known: tuple[Any, Config] | None = None
+    data: Any, words: Vocabulary, previous: tuple[Any, Config] | None = None
 ) -> tuple[Config | None, list[EntryError]]:
     """Return the config from plain data (None if it has errors), and the errors of all entries.
 
-    Entries that are unchanged since an earlier validation, `known` (data, config), are not repeated.
+    Entries that are unchanged since an earlier validation, `previous` (data, config), are not repeated.
     """
     errors: list[EntryError] = []
-    if known is not None and known[1].vocabulary == words:
-        data = _with_known(data, *known)
+    if previous is not None and previous[1].vocabulary == words:
+        data = _with_known(data, *previous)
     read = _with_named_entries((), data, words, errors)
     config, others = read_entry(Config, read, (), words)
     return (None if errors else config), [*others, *errors]  # an entry's last error counts
 
 
 def read_entry(
-    kind: Any, value: Any, place: Place, words: Vocabulary | None = None
+    kind: Any, value: Any, path: Place, words: Vocabulary | None = None
 ) -> tuple[Any, list[EntryError]]:
     """Return the validated value at a place (None if it has errors), and its errors.
 
@@ -124,8 +124,8 @@ def read_entry(
     try:
         return adapter(kind).validate_python(value, context=words), []
     except ValidationError as error:
-        more = {"kind": kind, "depth": len(place)}
-        return None, [{**item, "loc": (*place, *item["loc"]), **more} for item in error.errors()]
+        more = {"kind": kind, "depth": len(path)}
+        return None, [{**item, "loc": (*path, *item["loc"]), **more} for item in error.errors()]
 
 
 def _with_known(data: Any, plain: Any, validated: Any) -> Any:
@@ -143,7 +143,7 @@ def _with_known(data: Any, plain: Any, validated: Any) -> Any:
 
 
 def _with_named_entries(
-    place: Place, section: Any, words: Vocabulary, errors: list[EntryError]
+    path: Place, section: Any, words: Vocabulary, errors: list[EntryError]
 ) -> Any:
     """Return a section whose named entries are validated, in the order in which a rig lists them.
 
@@ -151,9 +151,9 @@ def _with_named_entries(
     """
     if not isinstance(section, dict):
         return section
-    entries, others, read = named_entries(words)[place], SECTIONS[place].model_fields, {}
+    entries, others, read = named_entries(words)[path], SECTIONS[path].model_fields, {}
     for name in [name for name in dict.fromkeys((*entries, *section)) if name in section]:
-        inner, value, wrong = (*place, name), section[name], list[EntryError]()
+        inner, value, wrong = (*path, name), section[name], list[EntryError]()
         if name in entries:
             value, wrong = read_entry(entries[name], value, inner)
         elif name not in others:

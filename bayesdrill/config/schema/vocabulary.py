@@ -25,7 +25,7 @@ class Vocabulary:
     combined: Mapping[str, Symbol]  # linear combinations of states that have a name for channels
     inner: frozenset[str]  # states without an initial value in the config
     angles: Mapping[str, Symbol]  # angles that may replace an input speed, by that speed
-    idle: frozenset[str]  # inputs that are zero unless the config gives them
+    optional_inputs: frozenset[str]  # inputs that are zero unless the config gives them
     inertias: tuple[str, ...]
 
     def __hash__(self) -> int:
@@ -76,7 +76,7 @@ def _house() -> Vocabulary:
         combined={},
         inner=models.INNER,
         angles={n: models.STATES[imposed[n]] for n in symbols.INPUTS if n in imposed},
-        idle=frozenset(name for rig in rigs for name in idle_inputs(rig)),
+        optional_inputs=frozenset(name for rig in rigs for name in idle_inputs(rig)),
         inertias=("motor", "rotor_1"),
     )
 
@@ -103,6 +103,6 @@ def vocabulary_of(rig: Model) -> Vocabulary:
         combined=symbols_of("combinations"),
         inner=frozenset(name for variant in variants for name in variant.inner),
         angles={speed: known[angle] for speed, angle in rig.imposed.items()},
-        idle=frozenset(name for variant in variants for name in idle_inputs(variant)),
+        optional_inputs=frozenset(name for variant in variants for name in idle_inputs(variant)),
         inertias=tuple(inertia.name for inertia in rig.roles.inertias),
     )

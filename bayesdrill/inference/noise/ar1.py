@@ -110,10 +110,10 @@ class ChannelSpacing:
 
 @dataclass(frozen=True, slots=True)
 class Spacing:
-    """A spacing lists those of all channels; `seen (T, K)` says whether a sample was measured."""
+    """A spacing lists those of all channels; `is_measured (T, K)` says whether a sample was measured."""
 
     channels: tuple[ChannelSpacing, ...]
-    seen: Flags
+    is_measured: Flags
 
 
 @lru_cache(maxsize=8)
@@ -123,12 +123,12 @@ def even_spacing(n_samples: int, n_channels: int) -> Spacing:
     return Spacing((ChannelSpacing(slice(None), n_samples, None, None),) * n_channels, seen)
 
 
-def _channel_spacing(t: Array, seen: Flags) -> ChannelSpacing:
-    rows = np.flatnonzero(seen)
+def _channel_spacing(t: Array, is_measured: Flags) -> ChannelSpacing:
+    rows = np.flatnonzero(is_measured)
     steps = np.diff(t[rows])
     typical = float(np.median(steps)) if len(steps) else 1.0
     gaps, all_gaps = _gaps(steps / typical), _gaps(np.diff(t) / typical)
-    return ChannelSpacing(slice(None) if seen.all() else rows, len(rows), gaps, all_gaps)
+    return ChannelSpacing(slice(None) if is_measured.all() else rows, len(rows), gaps, all_gaps)
 
 
 def _gaps(gaps: Array) -> Array | None:
@@ -198,9 +198,13 @@ class AR1:
     def for_length(self, n_samples: int) -> AR1:
         return dataclasses.replace(self, levels=self.levels.for_length(n_samples), spacing=None)
 
-    def at_times(self, t: Array, seen: Flags) -> AR1:
-        levels = self.levels.for_length(len(t)).with_counts(tuple(int(n) for n in seen.sum(axis=0)))
-        spacing = Spacing(tuple(_channel_spacing(t, column) for column in seen.T), seen)
+    def at_times(self, t: Array, is_measured: Flags) -> AR1:
+        levels = self.levels.for_length(len(t)).with_counts(
+            tuple(int(n) for n in is_measured.sum(axis=0))
+        )
+        spacing = Spacing(
+            tuple(_channel_spacing(t, column) for column in is_measured.T), is_measured
+        )
         return dataclasses.replace(self, levels=levels, spacing=spacing)
 
     def fixed_values(self) -> Mapping[int, object]:
@@ -212,7 +216,7 @@ class AR1:
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         if self._uneven is not None:
             terms = self.pointwise(residuals.samples, theta)
-            return np.asarray(np.where(self._uneven.seen, terms, 0.0).sum(axis=1))
+            return np.asarray(np.where(self._uneven.is_measured, terms, 0.0).sum(axis=1))
         sigma, rho, n = self.scales(theta), self.memory.values(theta), self.levels.sizes
         inner = (1.0 - rho) * (1.0 + rho)
         constant = -0.5 * n * math.log(2 * math.pi) - n * np.log(sigma)

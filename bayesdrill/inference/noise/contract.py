@@ -72,9 +72,9 @@ class SimulatorResiduals:
         """Return sums of logs `(W, K)`, see `Simulator.logs`."""
         return self.response.logs(self.full, weights)
 
-    def intervals(self, over: Array, half: Array) -> Array:
+    def intervals(self, inverse_sds: Array, half: Array) -> Array:
         """Return sums over intervals `(W, K)`, see `Simulator.intervals`."""
-        return self.response.intervals(self.full, over, half)
+        return self.response.intervals(self.full, inverse_sds, half)
 
 
 UNBOUNDED_HALF = 1e3  # half-width, in sds, of an interval with probability one
@@ -111,9 +111,9 @@ class ChannelResiduals:
         """Return sums of logs `(W, K)`."""
         return self.residuals.logs(self._all_channels(weights, 0.0))[:, self.columns]
 
-    def intervals(self, over: Array, half: Array) -> Array:
+    def intervals(self, inverse_sds: Array, half: Array) -> Array:
         """Return sums over intervals `(W, K)`."""
-        scaled = self._all_channels(over, 0.0), self._all_channels(half, UNBOUNDED_HALF)
+        scaled = self._all_channels(inverse_sds, 0.0), self._all_channels(half, UNBOUNDED_HALF)
         return self.residuals.intervals(*scaled)[:, self.columns]
 
     def _all_channels(self, numbers: Array, fill: float) -> Array:
@@ -218,15 +218,15 @@ class NoiseKind(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ChannelNumbers:
-    """Each channel has a number in `fixed` or, if None, an unknown from the column `first` on."""
+    """Each channel has a number in `fixed_values` or, if None, an unknown from `first_column` on."""
 
-    fixed: tuple[float | None, ...]
-    first: int
+    fixed_values: tuple[float | None, ...]
+    first_column: int
 
     @property
     def free(self) -> list[int]:
         """Return the indices of channels whose number is unknown."""
-        return [k for k, value in enumerate(self.fixed) if value is None]
+        return [k for k, value in enumerate(self.fixed_values) if value is None]
 
     def unknowns(
         self, channels: Sequence[NoisyChannel], letter: str, meaning: str, **declared: Any
@@ -242,13 +242,13 @@ class ChannelNumbers:
 
     def values(self, theta: Array) -> Array:
         """Return the numbers of all channels `(W, K)`."""
-        out = np.tile(np.array(self.fixed, dtype=np.float64), (len(theta), 1))
-        out[:, self.free] = theta[:, self.first : self.first + len(self.free)]
+        out = np.tile(np.array(self.fixed_values, dtype=np.float64), (len(theta), 1))
+        out[:, self.free] = theta[:, self.first_column : self.first_column + len(self.free)]
         return out
 
     def with_sizes(self, sizes: Mapping[int, float]) -> dict[int, object]:
         """Return pairs (known size, fixed number), None for unknowns, by index of the channel."""
-        return {k: (sizes.get(k), value) for k, value in enumerate(self.fixed)}
+        return {k: (sizes.get(k), value) for k, value in enumerate(self.fixed_values)}
 
 
 SCORING_STEPS = 100  # largest number of steps of a fit

@@ -27,15 +27,15 @@ def noise_key(noise: Noise) -> object:
     return getattr(noise, "key", type(noise).__name__)
 
 
-def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
-    """Return the noise for times `t (T,)`, at which the samples with `seen (T, K)` were recorded.
+def noise_for_record(noise: Noise, t: Array, is_measured: Flags) -> Noise:
+    """Return the noise for times `t (T,)`, at which the samples with `is_measured (T, K)` were recorded.
 
     Raises `ValueError` if samples are missing and the noise needs every sample.
     """
     at_times: Callable[..., Noise] | None = getattr(noise, "at_times", None)
     if at_times is not None:
-        return at_times(t, seen)
-    if seen.all():
+        return at_times(t, is_measured)
+    if is_measured.all():
         return noise
     with_counts: Callable[..., Noise] | None = getattr(noise, "with_counts", None)
     if with_counts is None:
@@ -43,42 +43,42 @@ def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
             f"noise of the kind {type(noise).__name__} needs every sample, and the record lacks "
             "some; use white noise, or a part of the record without gaps (record.window)"
         )
-    return with_counts(tuple(int(n) for n in seen.sum(axis=0)))
+    return with_counts(tuple(int(n) for n in is_measured.sum(axis=0)))
 
 
 @dataclass(frozen=True, slots=True)
 class Mixed:
-    """A mixed noise has several `parts`; theta lists the unknowns of each part in turn."""
+    """A mixed noise has several `noises`; theta lists the unknowns of each in turn."""
 
-    parts: tuple[ChannelNoise, ...]
+    noises: tuple[ChannelNoise, ...]
 
     white: ClassVar[bool] = False
 
     @property
     def key(self) -> tuple[object, ...]:
         """Return the key of each part with the indices of its channels."""
-        return tuple((noise_key(part.noise), part.columns) for part in self.parts)
+        return tuple((noise_key(part.noise), part.columns) for part in self.noises)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(unknown for part in self.parts for unknown in part.noise.unknowns)
+        return tuple(unknown for part in self.noises for unknown in part.noise.unknowns)
 
     @property
     def n_channels(self) -> int:
         """Return the number of channels."""
-        return sum(len(part.columns) for part in self.parts)
+        return sum(len(part.columns) for part in self.noises)
 
     def for_length(self, n_samples: int) -> Mixed:
-        parts = (ChannelNoise(p.noise.for_length(n_samples), p.columns) for p in self.parts)
+        parts = (ChannelNoise(p.noise.for_length(n_samples), p.columns) for p in self.noises)
         return Mixed(tuple(parts))
 
-    def at_times(self, t: Array, seen: Flags) -> Mixed:
-        noises = (noise_for_record(p.noise, t, seen[:, p.columns]) for p in self.parts)
-        pairs = zip(noises, self.parts, strict=True)
+    def at_times(self, t: Array, is_measured: Flags) -> Mixed:
+        noises = (noise_for_record(p.noise, t, is_measured[:, p.columns]) for p in self.noises)
+        pairs = zip(noises, self.noises, strict=True)
         return Mixed(tuple(ChannelNoise(noise, part.columns) for noise, part in pairs))
 
     def fixed_values(self) -> Mapping[int, object]:
-        each = ((p.columns, p.noise.fixed_values()) for p in self.parts)
+        each = ((p.columns, p.noise.fixed_values()) for p in self.noises)
         return {columns[k]: fixed for columns, values in each for k, fixed in values.items()}
 
     def square_weights(self, theta: Array) -> Array | None:
@@ -93,32 +93,32 @@ class Mixed:
         return out
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
-        return self._each(
+        return self._by_noise(
             lambda p, at: p.noise.log_likelihood(self._residuals(residuals, p), at), theta
         )
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        return self._each(lambda p, at: p.noise.pointwise(samples[..., p.columns], at), theta)
+        return self._by_noise(lambda p, at: p.noise.pointwise(samples[..., p.columns], at), theta)
 
     def scales(self, theta: Array) -> Array:
-        return self._each(lambda p, at: p.noise.scales(at), theta)
+        return self._by_noise(lambda p, at: p.noise.scales(at), theta)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        return self._each(lambda p, at: p.noise.whiten(samples[..., p.columns], at), theta)
+        return self._by_noise(lambda p, at: p.noise.whiten(samples[..., p.columns], at), theta)
 
     def innovations(self, samples: Array, theta: Array) -> Array:
-        return self._each(lambda p, at: p.noise.innovations(samples[..., p.columns], at), theta)
+        return self._by_noise(lambda p, at: p.noise.innovations(samples[..., p.columns], at), theta)
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
-        return self._each(
+        return self._by_noise(
             lambda p, at: p.noise.whitened_jacobian(shifts[..., p.columns], at), theta
         )
 
     def score(self, samples: Array, theta: Array) -> Array:
-        return self._each(lambda p, at: p.noise.score(samples[..., p.columns], at), theta)
+        return self._by_noise(lambda p, at: p.noise.score(samples[..., p.columns], at), theta)
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        return self._each(lambda p, at: p.noise.draw(signals[..., p.columns], at, rng), theta)
+        return self._by_noise(lambda p, at: p.noise.draw(signals[..., p.columns], at, rng), theta)
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
         parts = [
@@ -147,17 +147,17 @@ class Mixed:
 
     def _split(self, theta: Any) -> Iterator[tuple[ChannelNoise, Any]]:
         first = 0
-        for part in self.parts:
+        for part in self.noises:
             n = len(part.noise.unknowns)
             yield part, theta[..., first : first + n]
             first += n
 
-    def _each[N](self, evaluate: Callable[[ChannelNoise, Any], N], theta: Any) -> N:
+    def _by_noise[N](self, evaluate: Callable[[ChannelNoise, Any], N], theta: Any) -> N:
         """Evaluate every part, and return the results in the order of all channels."""
 
         def in_channels(*results: Array) -> Array:
             out = np.empty((*results[0].shape[:-1], self.n_channels))
-            for part, values in zip(self.parts, results, strict=True):
+            for part, values in zip(self.noises, results, strict=True):
                 out[..., part.columns] = values
             return out
 

@@ -57,8 +57,8 @@ def too_large(shape: tuple[int, ...], itemsize: int) -> str:
     return f"takes {size / 1e6:.0f} MB; {most}: save fewer columns, or resample to a lower rate"
 
 
-def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` datasets, with dotted names for fields; None stands for all."""
+def read_hdf5(path: Path, selected: Collection[str] | None = None) -> RecordTable:
+    """Read the `selected` datasets, with dotted names for fields; None stands for all."""
     import h5py
 
     head = read_bytes(path, 16)
@@ -67,8 +67,8 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
         raise InputError.at(str(path), message)
     table = RecordTable(path=path)
     # `table.speed` is a field of `table`, or a name that contains a point.
-    paths = [accumulate(name.lstrip("/").split("."), "{}.{}".format) for name in wanted or ()]
-    used = None if wanted is None else {*chain.from_iterable(paths)}
+    paths = [accumulate(name.lstrip("/").split("."), "{}.{}".format) for name in selected or ()]
+    used = None if selected is None else {*chain.from_iterable(paths)}
     broken = "is not an HDF5 file; save it with h5py, or rename it to match its format"
     if head.startswith(b"\x89HDF\r\n\x1a\n"):
         broken = f"the HDF5 file {CUT_SHORT}"
@@ -89,12 +89,12 @@ def datasets(
     separator: str,
     called: str,
     unfit: Callable[[str, Any], str] = lambda name, item: "",
-    hidden: str = "/",
+    hidden_prefix: str = "/",
 ) -> Iterator[tuple[str, Any]]:
     """Yield names and items of an HDF5 file that are `used`; None stands for all.
 
     Messages use the noun `called` for groups. If `unfit(name, item)` returns a reason, the item is
-    ignored and `table` keeps the reason. Names that begin with `hidden` are skipped.
+    ignored and `table` keeps the reason. Names that begin with `hidden_prefix` are skipped.
     """
     import h5py
 
@@ -103,7 +103,7 @@ def datasets(
     def below(group: Any, prefix: str) -> Iterator[tuple[str, Any]]:
         for member in group:
             name = f"{prefix}{member}"
-            if name.startswith(hidden):
+            if name.startswith(hidden_prefix):
                 continue
             if not isinstance(group.get(member, getlink=True), h5py.HardLink):
                 table.ignored[name] = f"is a link to elsewhere; {ITSELF}"
@@ -160,15 +160,15 @@ _HEADERS = {
 }
 
 
-def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` arrays, with dotted names for fields of records; None stands for all."""
+def read_npz(path: Path, selected: Collection[str] | None = None) -> RecordTable:
+    """Read the `selected` arrays, with dotted names for fields of records; None stands for all."""
     head = read_bytes(path, 8)
     if not head.startswith(b"PK\x03\x04"):
         alone = head.startswith(b"\x93NUMPY")
         what = "holds one array without a name" if alone else "is not an .npz file"
         message = f"{what}; save it with numpy.savez('run.npz', t=t, w_1=w_1)"
         raise InputError.at(str(path), message)
-    used = None if wanted is None else {name.split(".")[0] for name in wanted} | {*wanted}
+    used = None if selected is None else {name.split(".")[0] for name in selected} | {*selected}
     table = RecordTable(path=path)
     with report_damage(str(path), f"the .npz file {CUT_SHORT}"), zipfile.ZipFile(path) as file:
         for member in file.namelist():

@@ -173,7 +173,7 @@ def to_number(cell: str, decimal: str) -> float | None:
         return None
 
 
-def short(text: str) -> str:
+def quoted(text: str) -> str:
     """Return a quoted and shortened text of a file."""
     return repr(shortened(text.strip(), 40))
 
@@ -338,7 +338,7 @@ def _parse_carefully(
             value = to_number(cell, dialect.decimal)
             if value is None:
                 text = cell.strip()
-                message = f"column {short(names[j])}: {short(text)} is not a number"
+                message = f"column {quoted(names[j])}: {quoted(text)} is not a number"
                 bad.add(lines.location(i), message, text)
             else:
                 values[i, j] = value
@@ -434,16 +434,16 @@ def _table_start(lines: TextLines, dialect: Dialect) -> int:
 
 
 def _split_header(
-    lines: TextLines, dialect: Dialect, wanted: bool | None
+    lines: TextLines, dialect: Dialect, selected: bool | None
 ) -> tuple[str | None, TextLines]:
     """Return the header line, or None, and the rows of numbers below header and units."""
-    if wanted is False:
+    if selected is False:
         return None, lines
     numeric, words = _census(lines.texts[0], dialect)
-    if wanted is None and not words:
+    if selected is None and not words:
         return None, lines
-    if wanted is None and numeric:
-        message = f"mixes numbers and text such as {short(words[0])}; "
+    if selected is None and numeric:
+        message = f"mixes numbers and text such as {quoted(words[0])}; "
         message += "write header: true if it names the columns, or correct the cell"
         if len(lines.texts) > 1 and all(_census(line, dialect)[1] for line in lines.texts):
             message = "each line begins with a name: the table lies on its side; transpose it"

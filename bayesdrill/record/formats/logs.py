@@ -60,11 +60,11 @@ def merged_table(
     path: Path,
     samples: Samples,
     ignored: dict[str, str],
-    wanted: Collection[str] | None,
+    selected: Collection[str] | None,
     units: Mapping[str, str] | None = None,
 ) -> RecordTable:
-    """Return the `wanted` signals at the union of all times [s]; NaN without a sample."""
-    used = {name: part for name, part in samples.items() if wanted is None or name in wanted}
+    """Return the `selected` signals at the union of all times [s]; NaN without a sample."""
+    used = {name: part for name, part in samples.items() if selected is None or name in selected}
     signals = {
         name: np.array(sorted(part, key=itemgetter(0)), dtype=np.float64).reshape(-1, 2)
         for name, part in used.items()
@@ -110,8 +110,8 @@ def _text(payload: bytes, at: int) -> tuple[str, int]:
     return payload[at + 4 : at + 4 + size].decode("utf-8", "replace"), at + 4 + size
 
 
-def read_wpilog(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` numeric entries at the union of their times [s]; None stands for all."""
+def read_wpilog(path: Path, selected: Collection[str] | None = None) -> RecordTable:
+    """Read the `selected` numeric entries at the union of their times [s]; None stands for all."""
     raw = read_bytes(path)
     if not raw.startswith(b"WPILOG") or len(raw) < _HEADER:
         raise InputError.at(str(path), "is not a WPILOG file; rename it to match its format")
@@ -131,11 +131,11 @@ def read_wpilog(path: Path, wanted: Collection[str] | None = None) -> RecordTabl
             values = np.frombuffer(payload, dtype).tolist()
             values = values if kind.endswith("[]") else values[0]
             add_sample(signals, name, 1e-6 * time, values)
-    return merged_table(path, signals, ignored, wanted)
+    return merged_table(path, signals, ignored, selected)
 
 
-def read_mcap(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` numbers (`topic.key`), or all if None, at the union of their times [s]."""
+def read_mcap(path: Path, selected: Collection[str] | None = None) -> RecordTable:
+    """Read the `selected` numbers (`topic.key`), or all if None, at the union of their times [s]."""
     if read_bytes(path, len(_MCAP_MAGIC)) != _MCAP_MAGIC:
         raise InputError.at(str(path), "is not an MCAP file; rename it to match its format")
     try:
@@ -153,7 +153,7 @@ def read_mcap(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
                 continue
             for name, value in _leaves(channel.topic, json.loads(message.data)):
                 add_sample(signals, name, 1e-9 * (message.log_time - first), value)
-    return merged_table(path, signals, ignored, wanted)
+    return merged_table(path, signals, ignored, selected)
 
 
 def _leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
@@ -167,8 +167,8 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield name, value
 
 
-def read_mdf(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` numeric channels at the union of their times [s]; None stands for all."""
+def read_mdf(path: Path, selected: Collection[str] | None = None) -> RecordTable:
+    """Read the `selected` numeric channels at the union of their times [s]; None stands for all."""
     if not read_bytes(path, 3).startswith(b"MDF"):
         raise InputError.at(str(path), "is not an MDF file; rename it to match its format")
     try:
@@ -190,4 +190,4 @@ def read_mdf(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
                 values = signal.samples.astype(np.float64).tolist()
                 signals[name] = [*zip(signal.timestamps.tolist(), values, strict=True)]
                 units[name] = str(signal.unit or "")
-    return merged_table(path, signals, ignored, wanted, units)
+    return merged_table(path, signals, ignored, selected, units)

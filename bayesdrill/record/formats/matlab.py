@@ -117,8 +117,8 @@ class _Walk:
         return struct.unpack_from(f"{self._order}{count}I", self._data, at)
 
 
-def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` variables of a .mat file, with dotted names for fields; None stands for all."""
+def read(path: Path, selected: Collection[str] | None = None) -> RecordTable:
+    """Read the `selected` variables of a .mat file, or all if None, with dotted names for fields."""
     import h5py
 
     head = read_bytes(path, 128)
@@ -128,14 +128,14 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     if head.startswith(b"MATLAB"):
         broken = f"the MATLAB file {CUT_SHORT}"
     with report_damage(str(path), broken):
-        return _read_v73(path, wanted) if is_hdf5 else _read_v5(path, wanted)
+        return _read_v73(path, selected) if is_hdf5 else _read_v5(path, selected)
 
 
-def _read_v5(path: Path, wanted: Collection[str] | None) -> RecordTable:
+def _read_v5(path: Path, selected: Collection[str] | None) -> RecordTable:
     from scipy.io import loadmat
 
     table = RecordTable(path=path)
-    used = None if wanted is None else {name.split(".")[0] for name in wanted}
+    used = None if selected is None else {name.split(".")[0] for name in selected}
     with warnings.catch_warnings():
         # SciPy warns of unnamed objects; the code below reports them if they are wanted.
         warnings.simplefilter("ignore")
@@ -183,13 +183,13 @@ def _walk_v5(name: str, value: Any, table: RecordTable) -> None:
         add_fields(table, name, value)
 
 
-def _read_v73(path: Path, wanted: Collection[str] | None) -> RecordTable:
+def _read_v73(path: Path, selected: Collection[str] | None) -> RecordTable:
     import h5py
 
     table = RecordTable(path=path)
     layout = {"separator": ".", "called": "struct", "hidden": "#"}  # MATLAB's own group is #refs#
     with h5py.File(path, "r") as file:
-        for name, item in datasets(file, table, wanted, unfit=_unfit, **layout):
+        for name, item in datasets(file, table, selected, unfit=_unfit, **layout):
             # MATLAB writes column by column, so HDF5 shows every array transposed.
             add_fields(table, name, np.asarray(item[()]).T)
     return table

@@ -23,8 +23,8 @@ LEVELS = 4  # number of folders above the file in which `meta` is searched
 MAX_PLACES = 1000  # largest length of a list; each element becomes a column
 
 
-def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` columns; None stands for all, and empty cells become NaN."""
+def read(path: Path, selected: Collection[str] | None = None) -> RecordTable:
+    """Read the `selected` columns; None stands for all, and empty cells become NaN."""
     if read_bytes(path, 4) != b"PAR1":
         message = "is not a Parquet file; save it as one, or rename it to match its format"
         raise InputError.at(str(path), message)
@@ -45,11 +45,11 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
             is_list = types.is_list(kind) or types.is_fixed_size_list(kind)
             reason = _unfit_column(name, kind.value_type if is_list else kind, rows)
             here = dict[str, Array]()
-            if not reason and (is_list or wanted is None or name in wanted):
+            if not reason and (is_list or selected is None or name in selected):
                 table = file.read(columns=[name], use_threads=False) if whole is None else whole
                 column = table.column(0 if whole is None else keys.index(name))
                 if is_list:
-                    here = _places(name, column, rows, named.get(name, []))
+                    here = _element_columns(name, column, rows, named.get(name, []))
                     reason = "" if here else "has lists of different lengths, or very long ones"
                 else:
                     here = {name: np.array(column.cast(float64(), safe=False).to_numpy())}
@@ -71,7 +71,7 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     )
 
 
-def _places(name: str, column: Any, rows: int, named: list[str]) -> dict[str, Array]:
+def _element_columns(name: str, column: Any, rows: int, named: list[str]) -> dict[str, Array]:
     """Return a column for each element of the lists in a column; empty if their lengths differ."""
     flat = column.combine_chunks().flatten()
     if column.null_count or len(flat) > MAX_PLACES * rows:

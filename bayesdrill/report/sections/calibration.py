@@ -67,11 +67,11 @@ def calibration_rule(verdict: CalibrationVerdict) -> str:
     )
 
 
-def describe_refits(verdict: CalibrationVerdict, every: Sequence[Refit]) -> str:
+def describe_refits(verdict: CalibrationVerdict, refits: Sequence[Refit]) -> str:
     """Describe the refits that failed: how many, which, and why."""
     if not verdict.not_converged:
         return f"all {verdict.refits} refits converged"
-    first = next(refit for refit in every if not refit.converged)
+    first = next(refit for refit in refits if not refit.converged)
     listed = ", ".join(map(str, verdict.not_converged[:MOST_NAMED]))
     more = ", ..." if len(verdict.not_converged) > MOST_NAMED else ""
     return (
@@ -81,7 +81,7 @@ def describe_refits(verdict: CalibrationVerdict, every: Sequence[Refit]) -> str:
 
 
 def calibration_sections(
-    judged: CalibrationVerdict, every: Sequence[Refit], ending: str
+    judged: CalibrationVerdict, refits: Sequence[Refit], ending: str
 ) -> tuple[Section, ...]:
     """Build the sections, the verdict first; `ending` is the type of the figure's file."""
     says = describe_calibration(judged)
@@ -96,7 +96,7 @@ def calibration_sections(
     return (
         build("Verdict", marks, f"{says[0].upper()}{says[1:]}.", Note(calibration_rule(judged))),
         build("Ranks", ranks_table(judged), read, Picture("calibration", seen, ending)),
-        build("Refits", describe_refits(judged, every)),
+        build("Refits", describe_refits(judged, refits)),
     )
 
 
@@ -108,7 +108,7 @@ def ranks_table(verdict: CalibrationVerdict) -> Table:
         word = "as by chance" if q.holds else q.shape or "leave the band"
         covered = [
             f"{100 * i.inside / n:.0f} % ({100 * i.low / n:.0f} to {100 * i.high / n:.0f})"
-            + ("" if i.holds else " **outside**")
+            + ("" if i.is_consistent else " **outside**")
             for i in q.intervals
         ]
         known = (q.name, f"{q.reach:.2f}", word if verdict.band.n else "none")
@@ -153,7 +153,7 @@ def calibration_figure(
             style.corner_text(panel, f"${label}$")
         label_outside(panels, "normalised rank", "ECDF difference")
         _coverage(covered, verdict, labels[:-1])
-        return legend_above(figure, _looks(verdict))
+        return legend_above(figure, _legend(verdict))
 
 
 def _mark(marker: str, *, holds: bool) -> dict[str, Any]:
@@ -174,7 +174,7 @@ def _coverage(panel: Axes, verdict: CalibrationVerdict, labels: Sequence[str]) -
             x = column + 1.1 * width * (k - 1)
             low, high = 100 * interval.low / n, 100 * interval.high / n
             panel.bar(x, high - low, width, bottom=low, zorder=1, **style.BAND)
-            look = _mark(MARKERS[k], holds=interval.holds)
+            look = _mark(MARKERS[k], holds=interval.is_consistent)
             panel.plot([x], [100 * interval.inside / n], zorder=3, **look)
     panel.set_xlim(-0.6, len(unknown) - 0.4)
     floor = min(min(min(i.low, i.inside) for i in q.intervals) for q in unknown)
@@ -185,7 +185,7 @@ def _coverage(panel: Axes, verdict: CalibrationVerdict, labels: Sequence[str]) -
     panel.set_ylabel("truths inside [%]")
 
 
-def _looks(verdict: CalibrationVerdict) -> dict[str, style.Look]:
+def _legend(verdict: CalibrationVerdict) -> dict[str, style.Look]:
     quantities = verdict.quantities
     looks: dict[str, style.Look] = {"what chance allows": style.BAND}
     if any(q.holds for q in quantities):

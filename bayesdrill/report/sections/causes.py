@@ -57,7 +57,7 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         return ()
     refitted = f"fit: {count_noun(len(causes.ranked), 'candidate was', 'candidates were')} refitted"
     notes = "\n".join(filter(None, [_reference(causes), wandering(causes)]))
-    if not causes.good:
+    if not causes.supported:
         tried = (
             f"{refitted}, and none explains the misfit. The candidates were values and units that are "
             "off by a factor, signs, gains, lags and offsets of columns, clocks, the start, the gear, "
@@ -65,10 +65,12 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         )
         return (Sentences("\n".join(filter(None, [tried, notes, LOOK]))),)
     best = causes.best
-    stopped = sum(not cause.finished for cause in causes.good)
-    doubtful = [cause for cause in causes.good[:SHOWN] if cause.doubts]
-    doubts = "; ".join(f"{_beside(c, best)}: {', '.join(map(doubt, c.doubts))}" for c in doubtful)
-    caution = _absorbing(causes.good, best)
+    stopped = sum(not cause.finished for cause in causes.supported)
+    doubtful = [cause for cause in causes.supported[:SHOWN] if cause.doubts]
+    doubts = "; ".join(
+        f"{_difference(c, best)}: {', '.join(map(doubt, c.doubts))}" for c in doubtful
+    )
+    caution = _absorbing(causes.supported, best)
     said = (
         f"{refitted} from the MAP, each with all unknowns free. The best are listed: log Bayes factor "
         "(by Laplace's approximation), gain of the log posterior, and the unexplained share of each "
@@ -79,7 +81,7 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         else "",
         _untried(causes.untried),
         f"fit: A is the config with {listed(best.words, AND)}." if best else "",
-        *_instead_of(causes.good, best),
+        *_instead_of(causes.supported, best),
         doubts and f"fit: do not trust the Bayes factor of {doubts}.",
         caution and f"fit: {caution} It names no cause.",
         notes,
@@ -151,15 +153,15 @@ def _reference(causes: Causes) -> str:
 def _candidate_table(causes: Causes) -> Table:
     channels, best = (row.name for row in causes.given), causes.best
     lines = [("as given", "0", "0", *(percent(summary.share) for summary in causes.given))]
-    for cause in causes.good[:SHOWN]:
+    for cause in causes.supported[:SHOWN]:
         factors = (f"{cause.bayes:+.1f}", f"{cause.gain:+.1f}")
         left = (percent(summary.share) for summary in cause.fit)
-        lines.append((_beside(cause, best), *factors, *left))
+        lines.append((_difference(cause, best), *factors, *left))
     heads = ("model", "log Bayes factor", "log posterior", *channels)
     return Table(heads, tuple(lines), frozenset({"model"}))
 
 
-def _beside(cause: Cause, best: Cause | None) -> str:
+def _difference(cause: Cause, best: Cause | None) -> str:
     """Describe a candidate by its difference to the `best`, which is called A, if that is shorter."""
     if best is None:
         return listed(cause.words, AND)
@@ -226,7 +228,7 @@ def instead(explanation: EquivalentExplanation | None, rig: Model) -> Iterable[s
 
 def _lacked(name: str, roles: Roles) -> str:
     words = {inertia.efficiency: "friction of the gear" for inertia in roles.inertias}
-    return {**words, **{lack.parameter: lack.words for lack in lacks(roles)}}[name]
+    return {**words, **{lack.parameter: lack.description for lack in lacks(roles)}}[name]
 
 
 PART = ReportPart(

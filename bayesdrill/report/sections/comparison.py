@@ -200,8 +200,8 @@ def predicted(models: Sequence[RunSummary]) -> Iterator[str]:
     for model in models:
         if isinstance(model.loo, Finding):
             refused.setdefault(finding_sentence(model.loo), []).append(model.name)
-        elif model.loo.doubtful > MAX_BAD_SHARE:
-            yield f"LOO of {model.name}: {model.loo.doubtful:.0%} of its terms depend on a few draws"
+        elif model.loo.unreliable > MAX_BAD_SHARE:
+            yield f"LOO of {model.name}: {model.loo.unreliable:.0%} of its terms depend on a few draws"
     for reason, names in refused.items():
         yield f"LOO refused for {', '.join(names)}: {reason}"
 
@@ -307,15 +307,15 @@ def _residual_panel(
     models: Sequence[RunSummary],
     marks: Mapping[str, str],
     value_of: Callable[[ResidualSummary], float],
-    wanted: float,
+    ideal: float,
     label: str,
 ) -> None:
-    """Draw a mark for each model and channel; `wanted` is the value if only noise is left."""
-    log = wanted == 1.0
+    """Draw a mark for each model and channel; `ideal` is the value if only noise is left."""
+    log = ideal == 1.0
     least, most = (0.8, 1.25) if log else (-0.1, 0.1)
     values = [value_of(row) for model in models for row in model.residuals]
     scale = scales.scale(min(*values, least), max(*values, most), log=log, margin=0.08)
-    panel.axvline(float(scale(wanted)), zorder=1, **LIMIT)
+    panel.axvline(float(scale(ideal)), zorder=1, **LIMIT)
     for k, model in enumerate(models):
         for row in model.residuals:
             look = {**MARK, "marker": marks[row.name], "color": _colour(k)}

@@ -204,17 +204,17 @@ BANDS = 0.24  # opacity of all bands together
 
 
 def trace_figure(
-    theta: Array, shown: DisplayedUnknowns, burn_in: int, width: float = scales.DOUBLE
+    theta: Array, displayed: DisplayedUnknowns, burn_in: int, width: float = scales.DOUBLE
 ) -> Figure:
     """Draw medians and 5 to 95 % bands over the walkers of chains `(E, S, W, D)`, by step."""
-    symbols, (n_ensembles, n_steps) = shown.symbols, theta.shape[:2]
+    symbols, (n_ensembles, n_steps) = displayed.symbols, theta.shape[:2]
     n, small = len(symbols), width < scales.DOUBLE
     steps = style.thin(n_steps, STEPS)
     bands = np.quantile(theta[:, steps], QUANTILES, axis=2)  # (3, E, steps, D)
     after_burn_in = steps >= min(burn_in, steps[-1])
-    known = [shown.nominal.get(symbol.name) for symbol in symbols]
+    known = [displayed.nominal.get(symbol.name) for symbol in symbols]
     vertical = [
-        _scale(bands[..., d], after_burn_in, known[d], shown.priors.get(symbol.name))
+        _scale(bands[..., d], after_burn_in, known[d], displayed.priors.get(symbol.name))
         for d, symbol in enumerate(symbols)
     ]
     sides = {s.side(value) for s, value in zip(vertical, known, strict=True) if value is not None}
@@ -233,7 +233,7 @@ def trace_figure(
             if burn_in > 0:
                 panel.axvspan(0, burn_in, zorder=0, **BURN_IN)
             _ensembles(panel, steps, vertical[d](bands[..., d]))
-            value = shown.mode.get(symbol.name)
+            value = displayed.mode.get(symbol.name)
             style.mark_values(panel, vertical[d], known[d], value, vertical=True, zorder=3)
             _step_axis(panel, n_steps)
             style.scale_axis(panel.yaxis, vertical[d], vertical[d].label(symbol, "\n"))
@@ -292,9 +292,9 @@ def _number(panel: Axes, ensemble: int, n: int, x: Array, y: Array) -> None:
     panel.plot(x[at], y[at], zorder=5, color=style.BLACK, **figure)
 
 
-def _step_axis(panel: Axes, n: int, most: int = 3) -> None:
+def _step_axis(panel: Axes, n: int, max_count: int = 3) -> None:
     panel.set_xlim(0, max(n - 1, 1))
-    panel.locator_params("x", nbins=most, integer=True, prune="upper")
+    panel.locator_params("x", nbins=max_count, integer=True, prune="upper")
     panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
 
 
@@ -338,14 +338,14 @@ def rank_figure(
     places = np.pad(SHARES, 1, constant_values=(0, 1))
     with style.styled(width):
         chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
-        looks = {**_thin_looks(len(ranks[0].holds)), chance: style.CHANCE}
-        if not all(np.all(histogram.holds) for histogram in ranks):
+        looks = {**_thin_looks(len(ranks[0].is_consistent)), chance: style.CHANCE}
+        if not all(np.all(histogram.is_consistent) for histogram in ranks):
             looks["leaves the band"] = style.OUTSIDE
         figure, panels = build_page(len(ranks), 3, 1.35, width)
         for panel, histogram, symbol in zip(panels, ranks, symbols, strict=True):
             room = np.pad(100 * histogram.half_width / histogram.draws, 1)
             difference_panel(panel, places, (-room, room), float(most))
-            each = zip(histogram.deviation, histogram.holds, strict=True)
+            each = zip(histogram.deviation, histogram.is_consistent, strict=True)
             for ensemble, (away, holds) in enumerate(each):
                 look = {**ensemble_line(ensemble, THIN), **({} if holds else style.OUTSIDE)}
                 line = np.pad(100 * away / histogram.draws, 1)

@@ -43,34 +43,34 @@ CLEAR = 0.1  # share of an axis at each end that has no numbers
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerLayout:
-    """The layout has margins in inches per point of font size, and the pitch `across` in font sizes."""
+    """The layout has margins in inches per point of font size, and the `pitch` in font sizes."""
 
-    across: float
+    pitch: float
     left: float
     right: float
 
     def sizes(self, n: int, width: float) -> tuple[float, float]:
         """Return the font size [points] and the panels' pitch [inches] for `n` unknowns."""
         most, margins = 10.0 if width >= DOUBLE else 8.5, self.left + self.right
-        letters = min(most, width / (n * self.across / 72 + margins))
+        letters = min(most, width / (n * self.pitch / 72 + margins))
         pitch = min(max((width - margins * letters) / n, LEAST), LARGEST)
-        return min(most, 72 * pitch / self.across), pitch
+        return min(most, 72 * pitch / self.pitch), pitch
 
 
-NUMBERED = CornerLayout(across=7.8, left=0.088, right=0.012)
-TURNED = CornerLayout(across=2.6, left=0.085, right=0.075)
+NUMBERED = CornerLayout(pitch=7.8, left=0.088, right=0.012)
+TURNED = CornerLayout(pitch=2.6, left=0.085, right=0.075)
 
 
 def _label_with_ends(scale: Scale, symbol: Symbol) -> str:
     """Return the text for an axis that has no room for numbers: label, and range on a second line."""
-    ends = scale.number(scale.value(np.array([scale.low, scale.high])))
+    ends = scale.axis_numbers(scale.value(np.array([scale.low, scale.high])))
     low, high = (f"{end:.3g}".replace("-", "\N{MINUS SIGN}") for end in ends)
     return f"{scale.label(symbol)}\n{low} to {high}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerPage:
-    """The page has `panels (n, n)` of the axes `shown`; they are None above the diagonal.
+    """The page has `panels (n, n)` for pairs of `axes`; they are None above the diagonal.
 
     `width` [inches] is its largest width, `letters` [points] the font size of labels, and `pitch`
     [inches] the distance from panel to panel. Lines and marks are thinner by the factor `fine` than
@@ -79,7 +79,7 @@ class CornerPage:
 
     figure: Figure
     panels: NDArray[np.object_]
-    shown: Sequence[tuple[Scale, Symbol]]
+    axes: Sequence[tuple[Scale, Symbol]]
     width: float
     letters: float
     pitch: float
@@ -87,9 +87,9 @@ class CornerPage:
     turned: bool
 
     @classmethod
-    def build(cls, shown: Sequence[tuple[Scale, Symbol]], width: float) -> CornerPage:
+    def build(cls, axes: Sequence[tuple[Scale, Symbol]], width: float) -> CornerPage:
         """Lay out these axes within `width`, or wider if panels would be smaller than `LEAST`."""
-        n, layout = len(shown), NUMBERED
+        n, layout = len(axes), NUMBERED
         letters, pitch = layout.sizes(n, width)
         if letters < READABLE:
             layout = TURNED
@@ -98,7 +98,7 @@ class CornerPage:
         left, right, bottom = layout.left * letters, layout.right * letters, layout.left * letters
         if layout is TURNED:
             page = style.new_figure(1.0, 1.0)
-            texts = [page.text(0, 0, _label_with_ends(*each), size=letters) for each in shown]
+            texts = [page.text(0, 0, _label_with_ends(*each), size=letters) for each in axes]
             longest = max(text.get_window_extent().width / text.figure.dpi for text in texts)
             bottom = longest + BELOW
         figure = style.new_figure(left + inside + right, bottom + inside + title)
@@ -115,22 +115,22 @@ class CornerPage:
                 spine.set_linewidth(0.6 * fine)
         sizes: dict[str, float] = {"width": width, "letters": letters, "pitch": pitch, "fine": fine}
         turned = layout is TURNED
-        return cls(figure=figure, panels=panels, shown=shown, turned=turned, **sizes)
+        return cls(figure=figure, panels=panels, axes=axes, turned=turned, **sizes)
 
     def finish(self, looks: Mapping[str, style.Look]) -> None:
         """Set limits, numbers and labels of panels that are drawn, and add the legend."""
-        self._number()
+        self._set_numbers()
         if self.turned:
             self._label_ends()
         self._add_legend(style.legend_handles(looks))
 
-    def _number(self) -> None:
+    def _set_numbers(self) -> None:
         letter = 0.43 * self.letters / (72 * self.pitch)  # width of a letter, relative to a panel
 
         def number(axis: Axis, k: int, outer: bool) -> None:
-            scale, symbol = self.shown[k]
+            scale, symbol = self.axes[k]
             places, values = scale.ticks(clear=CLEAR, letter=letter)
-            between = scale.between if self.fine == 1 else style.NONE
+            between = scale.minor_ticks if self.fine == 1 else style.NONE
             style.set_ticks(axis, places, values if outer else None, between)
             if outer:
                 size = max(0.85 * self.letters, SMALLEST)
@@ -140,7 +140,7 @@ class CornerPage:
                 axis.set_label_text(scale.label(symbol, "\n"), fontsize=self.letters)
                 axis.labelpad = 0.2 * self.letters
 
-        shown, panels, n = self.shown, self.panels, len(self.shown)
+        shown, panels, n = self.axes, self.panels, len(self.axes)
         for i, j in np.argwhere(np.tri(n)):
             panels[i, j].set_xlim(shown[j][0].low, shown[j][0].high)
             number(panels[i, j].xaxis, j, not self.turned and i == n - 1)
@@ -153,7 +153,7 @@ class CornerPage:
     def _label_ends(self) -> None:
         """Write the ends of each axis under its label, where panels are too small for numbers."""
         look: dict[str, Any] = {"fontsize": self.letters, "labelpad": 2}
-        for k, (scale, symbol) in enumerate(self.shown):
+        for k, (scale, symbol) in enumerate(self.axes):
             text = _label_with_ends(scale, symbol)
             self.panels[-1, k].set_xlabel(text, rotation=90, va="top", linespacing=1.0, **look)
             if k:
@@ -179,7 +179,7 @@ class CornerPage:
         figure.legend(handles=handles, **look)
 
 
-def _looks(columns: Sequence[CornerColumn]) -> dict[str, style.Look]:
+def _legend(columns: Sequence[CornerColumn]) -> dict[str, style.Look]:
     looks: dict[str, style.Look] = {
         "posterior": {"color": style.BLACK, "linewidth": 0.8},
         f"narrowest {CREDIBLE} interval": style.FAINT_BAND,
@@ -218,35 +218,39 @@ class CornerColumn:
     mode: float | None
 
     @property
-    def ends(self) -> tuple[float, float]:
+    def prior_ends(self) -> tuple[float, float]:
         """Return the ends of the prior on the axis; they may be infinite."""
         if self.prior is None:
             return -math.inf, math.inf
         return float(self.scale(self.prior.low)), float(self.scale(self.prior.high))
 
 
-def corner_figure(draws: Array, shown: DisplayedUnknowns, width: float = scales.DOUBLE) -> Figure:
-    """Draw a corner plot of draws `(N, D)` of `shown` quantities, about `width` inches wide."""
-    columns = [_column(x, symbol, shown) for x, symbol in zip(draws.T, shown.symbols, strict=True)]
+def corner_figure(
+    draws: Array, displayed: DisplayedUnknowns, width: float = scales.DOUBLE
+) -> Figure:
+    """Draw a corner plot of draws `(N, D)` of `displayed` quantities, about `width` inches wide."""
+    columns = [
+        _column(x, symbol, displayed) for x, symbol in zip(draws.T, displayed.symbols, strict=True)
+    ]
     with style.styled(width):
         page = CornerPage.build([(column.scale, column.symbol) for column in columns], width)
         for i, row in enumerate(columns):
             _marginal(page.panels[i, i], row, page)
             for j, column in enumerate(columns[:i]):
-                xy, ends = (column.x, row.x), (column.ends, row.ends)
+                xy, ends = (column.x, row.x), (column.prior_ends, row.prior_ends)
                 contours(page.panels[i, j], xy, ends, page.fine)
                 _marks(page.panels[i, j], column, row, page)
         if len(columns) == 1:
             page.panels[0, 0].set_ylabel("density", fontsize=page.letters)
-        page.finish(_looks(columns))
+        page.finish(_legend(columns))
         _points(columns, page)
     return page.figure
 
 
-def _column(x: Array, symbol: Symbol, shown: DisplayedUnknowns) -> CornerColumn:
+def _column(x: Array, symbol: Symbol, displayed: DisplayedUnknowns) -> CornerColumn:
     """Return a column whose axis shows nearly all draws, the MAP, and the nominal value if near."""
-    name, prior = symbol.name, shown.priors.get(symbol.name)
-    nominal, mode, log = shown.nominal.get(name), shown.mode.get(name), flat_in_logs(prior)
+    name, prior = symbol.name, displayed.priors.get(symbol.name)
+    nominal, mode, log = displayed.nominal.get(name), displayed.mode.get(name), flat_in_logs(prior)
     low, high = np.quantile(x, [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2]).tolist()
     low, high = scales.reaching(low, high, mode, log=log)
     low, high = scales.reaching(low, high, nominal, REACH, log=log)
@@ -259,7 +263,7 @@ def _column(x: Array, symbol: Symbol, shown: DisplayedUnknowns) -> CornerColumn:
 def _title(column: CornerColumn, interval: Array) -> str:
     scale = column.scale
     name = ("" if scale.origin == 0 else r"\delta ") + column.symbol.latex
-    middle, near, far = scale.number(np.array([float(np.median(column.draws)), *interval]))
+    middle, near, far = scale.axis_numbers(np.array([float(np.median(column.draws)), *interval]))
     power = math.floor(math.log10(abs(middle))) if middle and not scale.origin else 0
     if not scale.log or -2 <= power <= 2:
         return f"${name} = {scales.with_spread(middle, near, far)}$"
@@ -295,8 +299,8 @@ def _marginal(panel: Axes, column: CornerColumn, page: CornerPage) -> None:
     panel.axvspan(near, far, color=style.FAINT, zorder=-2, linewidth=0)
     low, high = central(x)
     across = min(float(BINS), 2.2 * math.cbrt(len(x)))  # fewer bins for few draws
-    first = max(column.scale.low, column.ends[0])
-    last = min(column.scale.high, column.ends[1])
+    first = max(column.scale.low, column.prior_ends[0])
+    last = min(column.scale.high, column.prior_ends[1])
     n = round(across * (last - first) / (high - low))
     edges = np.linspace(first, last, max(1, min(n, 4 * BINS)) + 1)
     counts, _ = np.histogram(x, edges)

@@ -39,9 +39,9 @@ from bayesdrill.report.view import Drawing, ReportContext, ReportPart, for_each_
 class Signal:
     """The channel has measured (or NaN) and modelled values `(T,)`.
 
-    `predictive (N, T)` are draws with noise, or None, and `sigma` is the sd of the noise.  `share` is
-    the unexplained share of the channel's spread, NaN for a constant channel.  `dots` are indices of
-    the evenly spaced samples that are drawn as dots.
+    `predictive (N, T)` are draws with noise, or None, and `sigma` is the sd of the noise.
+    `unexplained` is a fraction of the channel's spread, NaN for a constant channel.  `dots` are
+    indices of the evenly spaced samples that are drawn as dots.
     """
 
     label: Symbol
@@ -50,7 +50,7 @@ class Signal:
     predictive: Array | None
     sigma: float
     dots: Indices
-    share: float = math.nan
+    unexplained: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,7 +124,7 @@ def every_fit(
 
 
 def _inputs(
-    observation: Observation, shown: Indices
+    observation: Observation, indices: Indices
 ) -> tuple[tuple[Course, ...], tuple[tuple[Symbol, float], ...]]:
     """Return the courses of measured inputs, and the constant inputs with their values."""
     experiment, rig = observation.experiment, observation.response.model
@@ -134,7 +134,7 @@ def _inputs(
         unit = experiment.unit_of_input(name)
         label = dataclasses.replace(rig.symbols[name], latex_unit=unit.latex)
         if name in experiment.series:
-            values = experiment.series[name][shown] / unit.factor
+            values = experiment.series[name][indices] / unit.factor
             courses.append(Course(label=label, values=values, straight=experiment.first_order))
         elif name not in loads or experiment.constant[name]:  # a load of zero is not shown
             constant.append((label, experiment.constant[name] / unit.factor))
@@ -145,8 +145,8 @@ def _channels(
     observation: Observation,
     best: Array,
     models: Array,
-    shown: Indices,
-    shares: Mapping[str, float],
+    indices: Indices,
+    explained_fractions: Mapping[str, float],
     predictive: Mapping[str, Array],
 ) -> Iterator[Signal]:
     """Yield each channel with its model `(T, K)`, at the samples that are shown."""
@@ -155,15 +155,15 @@ def _channels(
         unit = channel.display_unit
         draws = predictive.get(labelled_name(channel.name, observation.label))
         if draws is not None:
-            draws = draws.reshape(-1, draws.shape[-1])[:, shown].astype(float) / unit.factor
+            draws = draws.reshape(-1, draws.shape[-1])[:, indices].astype(float) / unit.factor
         yield Signal(
-            dots=np.searchsorted(shown, measured(experiment.y[:, k])),
+            dots=np.searchsorted(indices, measured(experiment.y[:, k])),
             label=Symbol(channel.name, channel.unit, channel.latex, unit.latex, "channel"),
-            y=experiment.y[shown, k] / unit.factor,
-            model=models[shown, k] / unit.factor,
+            y=experiment.y[indices, k] / unit.factor,
+            model=models[indices, k] / unit.factor,
             predictive=draws,
             sigma=float(sigmas[k]) / unit.factor,
-            share=shares[channel.name],
+            unexplained=explained_fractions[channel.name],
         )
 
 
@@ -194,23 +194,23 @@ def measured(y: Array) -> Indices:
     return sampled[places.round().astype(np.intp)]
 
 
-def extremes(y: Array, most: int) -> Indices:
-    """Return at most `most` indices, with the extremes of each segment, so that no peak is lost."""
+def extremes(y: Array, max_count: int) -> Indices:
+    """Return at most `max_count` indices, with the extremes of each segment, so that no peak is lost."""
     n = len(y)
-    if n <= most:
+    if n <= max_count:
         return np.arange(n)
-    length = -(-n // ((most - 2) // 2))
+    length = -(-n // ((max_count - 2) // 2))
     starts = np.arange(0, n, length)
     padded = np.concatenate([y, np.full(len(starts) * length - n, y[-1])]).reshape(-1, length)
     indices = np.stack([starts + padded.argmin(axis=1), starts + padded.argmax(axis=1)])
     return np.unique(np.concatenate([[0, n - 1], np.minimum(indices, n - 1).ravel()]))
 
 
-def corners(u: Array, most: int) -> Indices:
+def corners(u: Array, max_count: int) -> Indices:
     """Return indices at which a held input `u` begins, changes and ends, or `extremes` of too many."""
     changes = np.flatnonzero(np.diff(u)) + 1
     indices = np.unique(np.concatenate([[0, len(u) - 1], changes]))
-    return indices if len(indices) <= most else extremes(u, most)
+    return indices if len(indices) <= max_count else extremes(u, max_count)
 
 
 DIGITS = 12
@@ -295,7 +295,7 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE, at: str = "the MAP") -> F
             style.set_ticks(panel.xaxis, *time.ticks(4))
             if panel.xaxis.get_tick_params()["labelbottom"]:
                 panel.set_xlabel(time.label(fit.time))
-        return legend_above(figure, _looks(fit, at))
+        return legend_above(figure, _legend(fit, at))
 
 
 def record_figure(fit: Fit) -> Figure:
@@ -378,23 +378,23 @@ def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array, *, bes
         panel.axhline(end, zorder=2, **EDGE)
     _dots(panel, time(t[signal.dots]), scale(residual[signal.dots]))
     panel.axhline(float(scale(0.0)), zorder=2, **style.BLACK_LINE)
-    if not math.isnan(signal.share):
+    if not math.isnan(signal.unexplained):
         gap = " " if beside else "\n"
-        share = f"unexplained:{gap}{percent(signal.share)}"
+        share = f"unexplained:{gap}{percent(signal.unexplained)}"
         look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
         look |= {"rotation": 90, "ha": "left", "va": "center"}
         panel.annotate(share, (1.0, 0.5), (4, 0), size=style.letters("legend.fontsize"), **look)
 
 
 def _numbers(
-    panel: Axes, what: scales.Labelled, low: float, high: float, most: int = 4
+    panel: Axes, what: scales.Labelled, low: float, high: float, max_count: int = 4
 ) -> scales.Scale:
     scale = scales.scale(low, high, margin=0.06)
-    style.scale_axis(panel.yaxis, scale, scale.label(what, "\n"), most)
+    style.scale_axis(panel.yaxis, scale, scale.label(what, "\n"), max_count)
     return scale
 
 
-def _looks(fit: Fit, at: str) -> dict[str, style.Look]:
+def _legend(fit: Fit, at: str) -> dict[str, style.Look]:
     """Return the entries of the legend; constant inputs are among them."""
     model = f"model at {at}"
     if fit.courses:

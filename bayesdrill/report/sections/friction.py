@@ -54,18 +54,18 @@ def speed_symbol(state: str, inertia: InertiaRoles | None, model: Model) -> Symb
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawShown:
-    """A friction law is shown at `speeds (G,)`: `best (G,)` at the MAP, with a `band (2, G)` of draws.
+    """A friction law is shown at `speeds (G,)`: `at_map (G,)` at the MAP, with a `band (2, G)` of draws.
 
-    `nominal (G,)` is the law at nominal values, if all its unknowns have one.  `seen (T,)` are recorded.
+    `nominal (G,)` is the law at nominal values, if all unknowns have one.  `recorded_speeds` are `(T,)`.
     """
 
     speed: Symbol
     effort: Symbol
     speeds: Array
-    best: Array
+    at_map: Array
     band: Array
     nominal: Array | None
-    seen: Array
+    recorded_speeds: Array
 
 
 def laws(
@@ -93,10 +93,10 @@ def laws(
             speed=speed_symbol(against, inertia, rig),
             effort=effort_symbol(rubbing.friction),
             speeds=shown.speeds,
-            best=shown.sizes[0],
+            at_map=shown.sizes[0],
             band=np.quantile(shown.sizes[1:], TAILS, axis=0),
             nominal=friction_curve(observation, rubbing, nominal).sizes[0] if compared else None,
-            seen=rubbing.speed * rubbing.gear,
+            recorded_speeds=rubbing.speed * rubbing.gear,
         )
 
 
@@ -111,11 +111,11 @@ EXPERIMENTS: Mapping[str, str] = {
 
 def friction_sentences(study: FrictionConfounding, model: Model) -> str:
     """Describe each friction that is confounded or unseen in a line; empty if there is none."""
-    alike = (_alike(pair, model) for pair in study.alike)
+    alike = (_describe_confounded(pair, model) for pair in study.alike)
     return "\n".join([*alike, *(_unseen(law, model) for law in study.unseen)])
 
 
-def _alike(tied: Confounded, model: Model) -> str:
+def _describe_confounded(tied: Confounded, model: Model) -> str:
     roles = model.roles
     known = "it were" if len(tied.rivals) == 1 else "these were"
     free = [inertia for inertia in roles.inertias if roles.motor(inertia.name) is None]
@@ -143,7 +143,7 @@ def _alike(tied: Confounded, model: Model) -> str:
 
 def _unseen(law: UnseenStiction, model: Model) -> str:
     unit = f"{model.roles.motion.angle}/s"
-    turns = model.roles.motion.moves
+    turns = model.roles.motion.verb
     return (
         f"friction: static friction {law.deeds.where} does not show. Once it {turns}, it never sticks "
         f"and is never slower than {law.deeds.slowest:.3g} {unit}, while static friction fades over "
@@ -155,7 +155,7 @@ def _unseen(law: UnseenStiction, model: Model) -> str:
 def _did(deeds: Excitation, roles: Roles) -> str:
     inertia, what, unit = roles.at_friction(deeds.against, deeds.where), "the current flows", "A"
     if inertia is not None:
-        what, unit = f"{inertia.words} {roles.motion.moves}", f"{roles.motion.angle}/s"
+        what, unit = f"{inertia.words} {roles.motion.verb}", f"{roles.motion.angle}/s"
     speeds = f"{deeds.slowest:.3g} to {deeds.fastest:.3g} {unit}"
     if deeds.reversals == 0:
         return f"{what} one way only, at {speeds}"
@@ -197,7 +197,7 @@ def friction_figure(laws: Sequence[LawShown], width: float = scales.DOUBLE) -> F
 
 
 def _law(panel: Axes, law: LawShown) -> None:
-    curves = [law.best, *law.band, *([] if law.nominal is None else [law.nominal])]
+    curves = [law.at_map, *law.band, *([] if law.nominal is None else [law.nominal])]
     far = HEAD * max(float(np.abs(curve).max()) for curve in curves) or 1.0
     x = scales.scale(float(law.speeds[0]), float(law.speeds[-1]))
     y = scales.scale(-far, far)
@@ -208,8 +208,8 @@ def _law(panel: Axes, law: LawShown) -> None:
         panel.fill_between(x(law.speeds[side]), *y(band), zorder=1, **style.BAND)
     if law.nominal is not None:
         panel.plot(x(law.speeds), y(law.nominal), zorder=2, **style.NOMINAL)
-    panel.plot(x(law.speeds), y(law.best), zorder=3, **BEST)
-    counts, edges = np.histogram(x(law.seen), np.linspace(x.low, x.high, BINS + 1))
+    panel.plot(x(law.speeds), y(law.at_map), zorder=3, **BEST)
+    counts, edges = np.histogram(x(law.recorded_speeds), np.linspace(x.low, x.high, BINS + 1))
     heights = y.low - room + 0.85 * room * counts / max(int(counts.max()), 1)
     panel.stairs(heights, edges, baseline=y.low - room, fill=True, zorder=1, **SEEN)
     style.scale_axis(panel.xaxis, x, f"{law.speed.meaning}, {x.label(law.speed)}")

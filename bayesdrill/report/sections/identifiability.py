@@ -48,17 +48,17 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
 
 def describe_study_point(point: StudyPoint, problem: Problem) -> str:
     """Return why a record is not studied at the start; empty if the rig moves there."""
-    if not point.still:
+    if not point.inert:
         return ""
     named = zip(problem.names, point.theta.tolist(), strict=True)
     values = ", ".join(f"{name} = {problem.units.format_value(name, x)}" for name, x in named)
-    what = f"What follows is computed at {point.at} ({values})"
-    if not point.at:
+    what = f"What follows is computed at {point.description} ({values})"
+    if not point.description:
         what = "Nor does it at likely draws from the priors, so that the record cannot be judged"
     holds = ", as friction may hold it" if problem.model.frictions else ""
     return (
         f"AT REST: at the start values the rig does not move{holds}, and in the record it does "
-        f"({listed(point.still)}). {what}. Give priors a `start:` with which it moves, or look at the "
+        f"({listed(point.inert)}). {what}. Give priors a `start:` with which it moves, or look at the "
         "maximum: `bayesdrill identify --at-map`."
     )
 
@@ -265,10 +265,10 @@ def _of_each(study: IdentifiabilityStudy) -> str:
 
 
 def describe_profiles(
-    profiles: Sequence[Profile], study: IdentifiabilityStudy, shown: Sequence[Symbol]
+    profiles: Sequence[Profile], study: IdentifiabilityStudy, symbols: Sequence[Symbol]
 ) -> str:
-    """Describe each profile in a line, in the units of the symbols `shown`."""
-    named = {symbol.name: symbol.plain_unit for symbol in shown}
+    """Describe each profile in a line, in the units of the symbols `symbols`."""
+    named = {symbol.name: symbol.plain_unit for symbol in symbols}
     open_ones = {
         name
         for name, known in zip(study.names, study.parameters, strict=True)
@@ -285,15 +285,15 @@ def describe_profiles(
     return "profile likelihood:\n" + aligned(rows, left={0, 1, 5})
 
 
-def _row(study: IdentifiabilityStudy, known: KnownProduct) -> tuple[str, ...]:
+def _row(study: IdentifiabilityStudy, known_product: KnownProduct) -> tuple[str, ...]:
     # The record alone does not determine it, but ratios are known, and other unknowns have priors.
-    shared = math.isinf(known.bound) and known.word != "left to the prior"
+    shared = math.isinf(known_product.bound) and known_product.word != "left to the prior"
     return (
-        f"  {product(study.names, known.exponents)}",
-        percent(known.sd),
-        percent(known.prior_sd),
-        "not at all" if math.isinf(known.bound) else percent(known.bound),
-        "through the priors of others" if shared else known.word,
+        f"  {product(study.names, known_product.exponents)}",
+        percent(known_product.sd),
+        percent(known_product.prior_sd),
+        "not at all" if math.isinf(known_product.bound) else percent(known_product.bound),
+        "through the priors of others" if shared else known_product.word,
     )
 
 

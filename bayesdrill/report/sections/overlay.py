@@ -132,10 +132,12 @@ def what_differs(
     return f"not the same: {'; '.join(listed)}"
 
 
-def elided(text: str, most: int) -> str:
-    """Return a text of at most `most` letters, cut in its middle, because names differ at their ends."""
-    left = most - 3
-    return text if len(text) <= most else f"{text[: left // 2]}...{text[-(left - left // 2) :]}"
+def elided(text: str, max_letters: int) -> str:
+    """Shorten a text to `max_letters` in its middle, because names differ at their ends."""
+    left = max_letters - 3
+    return (
+        text if len(text) <= max_letters else f"{text[: left // 2]}...{text[-(left - left // 2) :]}"
+    )
 
 
 MAX_NAME_LETTERS = 48  # largest number of letters of a name in a legend
@@ -191,7 +193,7 @@ class _Column:
     row: OverlayRow
     scale: scales.Scale
     draws: tuple[Array | None, ...]
-    ends: tuple[tuple[float, float], ...]
+    limits: tuple[tuple[float, float], ...]
 
 
 def overlay_corner_figure(
@@ -234,12 +236,12 @@ def _column(
         else (-math.inf, math.inf)
         for prior in priors
     )
-    return _Column(row=row, scale=scale, draws=shown, ends=ends)
+    return _Column(row=row, scale=scale, draws=shown, limits=ends)
 
 
 def _histograms(panel: Axes, column: _Column, fine: float) -> None:
     """Draw each density as high as its panel, because a narrow one would dwarf a wide one."""
-    for x, ends, look in zip(column.draws, column.ends, RUN_STYLES, strict=False):
+    for x, ends, look in zip(column.draws, column.limits, RUN_STYLES, strict=False):
         if x is None:
             continue
         first, last = max(float(x.min()), ends[0]), min(float(x.max()), ends[1])
@@ -253,7 +255,7 @@ def _histograms(panel: Axes, column: _Column, fine: float) -> None:
 
 
 def _contours(panel: Axes, column: _Column, row: _Column, fine: float) -> None:
-    pairs = zip(column.draws, row.draws, column.ends, row.ends, RUN_STYLES, strict=False)
+    pairs = zip(column.draws, row.draws, column.limits, row.limits, RUN_STYLES, strict=False)
     for x, y, x_ends, y_ends, look in pairs:
         if x is not None and y is not None:
             lines: dict[str, Any] = {"colors": look.color, "linestyles": [look.linestyle]}
@@ -296,7 +298,7 @@ def intervals_figure(
         for panel, (row, scale) in zip(panels, scaled_rows, strict=True):
             draw_intervals(panel, row, scale, range(n), RUN_STYLES)
             stack_runs(panel, n)
-        return legend_above(figure, _looks(layers, scaled_rows), handlelength=2.6)
+        return legend_above(figure, _legend(layers, scaled_rows), handlelength=2.6)
 
 
 def scaled_row(
@@ -343,7 +345,7 @@ def stack_runs(panel: Axes, n: int, names: Sequence[str] | None = None) -> None:
     style.set_ticks(panel.yaxis, places if names else (), names)
 
 
-def _looks(
+def _legend(
     layers: Sequence[PosteriorSummary], scaled_rows: Sequence[tuple[OverlayRow, scales.Scale]]
 ) -> dict[str, style.Look]:
     rows = [row for row, _ in scaled_rows]

@@ -258,19 +258,19 @@ BOX = style.fix_look(
 
 
 def prior_posterior_figure(
-    draws: Array, shown: DisplayedUnknowns, width: float = scales.DOUBLE
+    draws: Array, displayed: DisplayedUnknowns, width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw priors and draws `(N, D)` of the unknowns `shown`, for the range of each prior."""
-    symbols = shown.symbols
+    """Draw priors and draws `(N, D)` of the unknowns `displayed`, for the range of each prior."""
+    symbols = displayed.symbols
     width = width if len(symbols) > 1 else scales.SINGLE
     with style.styled(width):
         figure, panels = build_page(len(symbols), 3, 1.45, width)
         sides = set()
         for panel, x, symbol in zip(panels, draws.T, symbols, strict=True):
-            prior, known = shown.priors[symbol.name], shown.nominal.get(symbol.name)
+            prior, known = displayed.priors[symbol.name], displayed.nominal.get(symbol.name)
             scale = scales.scale(*prior_ends(prior, x), log=flat_in_logs(prior), margin=0.04)
             _densities(panel, scale, x, prior)
-            style.mark_values(panel, scale, known, shown.mode.get(symbol.name), zorder=4)
+            style.mark_values(panel, scale, known, displayed.mode.get(symbol.name), zorder=4)
             style.scale_axis(panel.xaxis, scale, scale.label(symbol))
             style.set_ticks(panel.yaxis, ())
             if known is not None:
@@ -361,24 +361,24 @@ def strongest_pair(draws: Array, structure: ScalingStructure) -> CorrelatedPair 
     return strongest
 
 
-def ridge_figure(draws: Array, pair: CorrelatedPair, shown: DisplayedUnknowns) -> Figure:
-    """Draw the ridge of draws `(N, D)` of unknowns `shown`; the exact line passes through the MAP."""
+def ridge_figure(draws: Array, pair: CorrelatedPair, displayed: DisplayedUnknowns) -> Figure:
+    """Draw the ridge of draws `(N, D)` of unknowns; the exact line passes through the MAP."""
     factor, some = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
     box, line, dots, cross, marks = [], [], [], [], []
     with style.styled():
         figure, (panel,) = build_page(1, 1, SIZE / NARROW_ROW, SIZE)
-        marked = all(shown.symbols[k].name in shown.nominal for k in pair.columns)
+        marked = all(displayed.symbols[k].name in displayed.nominal for k in pair.columns)
         axes = (panel.xaxis, panel.yaxis)
         for column, power, axis in zip(pair.columns, pair.exponents, axes, strict=True):
-            symbol, x = shown.symbols[column], draws[:, column]
-            prior, best = shown.priors[symbol.name], shown.mode[symbol.name]
+            symbol, x = displayed.symbols[column], draws[:, column]
+            prior, best = displayed.priors[symbol.name], displayed.mode[symbol.name]
             ends = prior_ends(prior, x)
             scale = scales.scale(*ends, log=flat_in_logs(prior), margin=0.12)
             box.append(scale(np.array(ends)))
             line.append(scale(best * factor**power))
             dots.append(scale(x[some]))
             cross.append([float(scale(best))])
-            marks.append((scale, shown.nominal[symbol.name] if marked else None))
+            marks.append((scale, displayed.nominal[symbol.name] if marked else None))
             style.scale_axis(axis, scale, scale.label(symbol))
         (x0, x1), (y0, y1) = box
         panel.fill([x0, x1, x1, x0], [y0, y0, y1, y1], zorder=1, **BOX)

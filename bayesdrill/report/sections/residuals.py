@@ -42,9 +42,9 @@ def predictive_figure(checks: Sequence[PredictionCheck], width: float = scales.D
     with style.styled(width):
         chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
         looks = {"record": style.FILLED, "as predicted": style.NOMINAL, chance: style.CHANCE}
-        if any(check.holds for check in checks):
+        if any(check.is_consistent for check in checks):
             looks["record, in the band"] = style.BLACK_LINE
-        if not all(check.holds for check in checks):
+        if not all(check.is_consistent for check in checks):
             looks["record, leaves the band"] = style.OUTSIDE
         figure, panels = build_page(2 * len(checks), 2, 1.55, width)
         for k, check in enumerate(checks):

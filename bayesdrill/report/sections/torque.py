@@ -106,7 +106,7 @@ def torque_sentence(summary: TorqueSummary, rig: Model) -> str:
     )
 
 
-def beside(rig: Model) -> str:
+def approximation_note(rig: Model) -> str:
     """Describe the approximation for a rig that is not linear, before anything is sampled."""
     if rig.saturation and not rig.frictions:
         return (
@@ -165,9 +165,7 @@ def _line(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
     against, (what, unit) = law.size < 0, _follows(summary, law, rig)
     share = f"That alone explains {100 * law.share:.0f} % of the {motion.torque}."
     if (turning := summary.turning) < FULL:
-        share += (
-            f" That counts the {100 * turning:.0f} % of the samples in which it {motion.moves}."
-        )
+        share += f" That counts the {100 * turning:.0f} % of the samples in which it {motion.verb}."
     said = f"missing {motion.torque}: it follows {what}. {share} It looks like"
     if law.kind == "sign" and against:
         said += f" dry friction {here.at} of {size:.3g} {motion.newtons} (sd {sd})"
@@ -232,13 +230,13 @@ def torque_table(summary: TorqueSummary) -> Table:
     return Table(HEADS, tuple(lines), frozenset(HEADS[:1]))
 
 
-def torque_csv(every: Sequence[TorqueEstimate]) -> str | None:
+def torque_csv(estimates: Sequence[TorqueEstimate]) -> str | None:
     """Return CSV of the torque with a line for each sample, in SI units, or None."""
-    if not every:
+    if not estimates:
         return None
-    names = list(dict.fromkeys(n for course in every for n in (*course.states, *course.inputs)))
+    names = list(dict.fromkeys(n for course in estimates for n in (*course.states, *course.inputs)))
     lines: list[Sequence[object]] = [["experiment", "t", "torque", "sd", "low", "high", *names]]
-    for course in every:
+    for course in estimates:
         sds, (low, high) = course.draws.std(axis=0), course.band
         columns = [course.states.get(n, course.inputs.get(n)) for n in names]
         for k, t in enumerate(course.t):

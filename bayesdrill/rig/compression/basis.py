@@ -69,24 +69,24 @@ class Basis:
         `sizes` are the norms, over all samples, of the sources that drive the rig. `first` has the
         first value of each measured input.
         """
-        poles = [number for pole in self.poles for number in pole.numbers.all]
+        poles = [number for pole in self.poles for number in pole.numbers.numbers]
         parts = [self.vectors.ravel(), self.duals.ravel(), sizes, first, poles]
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])
 
 
-def choose_basis(rates: Array, dt: float, left: float) -> Basis:
+def choose_basis(rates: Array, dt: float, neglected: float) -> Basis:
     """Choose functions for n rigs with the state matrices `rates`; the first is the reference.
 
-    `rates` is `(n, X, X)`. `left` is the fraction of a mode's response that may be neglected.
+    `rates` is `(n, X, X)`. `neglected` is the fraction of a mode's response that may be neglected.
     Raises `CompressionError` if a rig has modes that do not decay, or if poles are too far apart.
     """
     from scipy.linalg import expm  # slow to import, and rarely needed
 
     falls = np.array([expm(a * dt) - np.eye(len(a)) for a in rates])
-    return basis_of(falls, _shared_integrators(rates), left)
+    return basis_of(falls, _shared_integrators(rates), neglected)
 
 
-def basis_of(falls: Array, shared: Array, left: float) -> Basis:
+def basis_of(falls: Array, shared: Array, neglected: float) -> Basis:
     """Choose functions as `choose_basis` does, for rigs with the transitions `falls + 1`.
 
     `falls (n, X, X)` is Phi - 1 of each rig, and the columns of `shared (X, d)` are integrators.
@@ -100,7 +100,7 @@ def basis_of(falls: Array, shared: Array, left: float) -> Basis:
     values: Any = np.linalg.eigvals(inner)
     if (np.abs(1.0 + np.append(values, modes)) >= 1.0).any():
         raise CompressionError("a mode of the rig does not decay")
-    return Basis(tuple(_chosen(modes, values, left)), d, vectors, duals)
+    return Basis(tuple(_chosen(modes, values, neglected)), d, vectors, duals)
 
 
 def _shared_integrators(rates: Array) -> Array:
@@ -155,7 +155,7 @@ def _pair(fall: Array, both: Array) -> Array:
     return np.asarray(plane @ turned @ np.diag([1.0, min(narrow, 1.0)]))
 
 
-def _chosen(poles: list[complex], values: Array, left: float) -> Iterator[Pole]:
+def _chosen(poles: list[complex], values: Array, neglected: float) -> Iterator[Pole]:
     """Yield a pole for each mode of the reference, in the middle of the rigs' poles nearest to it."""
     flat = values.ravel()
     nearest = np.argmin([_passed(mu, flat) for mu in poles], axis=0)
@@ -172,7 +172,7 @@ def _chosen(poles: list[complex], values: Array, left: float) -> Iterator[Pole]:
         if abs(1.0 + middle) >= 1.0:
             raise CompressionError(UNKNOWN)
         share = float(_passed(middle, mine).max())
-        order = 1 if share == 0.0 else 1 + math.ceil(math.log(left) / math.log(share) / ROUNDS)
+        order = 1 if share == 0.0 else 1 + math.ceil(math.log(neglected) / math.log(share) / ROUNDS)
         if order > MAX_ORDER:
             raise CompressionError(UNKNOWN)
         yield Pole(middle, order)
@@ -186,8 +186,8 @@ def _least_turn(real: float) -> float:
 def _passed(mu: complex, values: Array) -> Array:
     """Return the fraction of each mode, given by its `mu`, that remains after a function of the pole."""
     numbers = PoleNumbers.of_pole(mu)
-    over = np.polynomial.polynomial.polyval(values, numbers.over)
-    first, second, third = numbers.along
+    over = np.polynomial.polynomial.polyval(values, numbers.denominator)
+    first, second, third = numbers.all_pass
     return np.asarray(np.abs(first + (second + third * values) / over))
 
 
@@ -214,7 +214,7 @@ class Columns:
     def _filtered(self, stage: tuple[int, int], pole: Pole, u: Array) -> tuple[list[Array], Array]:
         """Return one or two columns, and the input of the next function: `u` after the all-pass."""
         numbers, real, turn = pole.numbers, pole.mu.real, pole.mu.imag
-        (_, _, square), even, odd = numbers.over, numbers.even, numbers.odd
+        (_, _, square), even, odd = numbers.denominator, numbers.even_gain, numbers.odd_gain
         if pole.size == REAL:
             out = even * self._delayed(stage, 1.0 + real, u)
             return [out], even * out - (1.0 + real) * u
@@ -250,20 +250,20 @@ class Triangle:
 class _Rows:
     """The accumulator keeps triangles of a record's rows, of their increments, and of both ends."""
 
-    parts: list[Array]
-    first: Array | None = None
-    last: Array | None = None
+    triangles: list[Array]
+    first_row: Array | None = None
+    last_row: Array | None = None
 
     def add(self, rows: Array) -> None:
         """Add further rows `(m, n)` to the triangles."""
-        self.parts[0] = _appended(self.parts[0], rows)
-        if len(self.parts) > 1 and len(rows):
-            before = rows[:0] if self.last is None else self.last
+        self.triangles[0] = _appended(self.triangles[0], rows)
+        if len(self.triangles) > 1 and len(rows):
+            before = rows[:0] if self.last_row is None else self.last_row
             steps = np.diff(np.concatenate([before, rows]), axis=0)
-            self.parts[1] = _appended(self.parts[1], steps)
-            self.first = rows[:1] if self.first is None else self.first
-            self.last = rows[-1:]
-            self.parts[2] = _appended(self.first, self.last)
+            self.triangles[1] = _appended(self.triangles[1], steps)
+            self.first_row = rows[:1] if self.first_row is None else self.first_row
+            self.last_row = rows[-1:]
+            self.triangles[2] = _appended(self.first_row, self.last_row)
 
 
 def _appended(part: Array, rows: Array) -> Array:
@@ -274,24 +274,24 @@ def _appended(part: Array, rows: Array) -> Array:
 
 
 def triangle(
-    blocks: Iterable[tuple[Array, Array]], columns: int, sums: int, alike: Sequence[slice]
+    blocks: Iterable[tuple[Array, Array]], columns: int, sums: int, groups: Sequence[slice]
 ) -> Triangle:
     """Reduce blocks of columns `(m, n)`, and of the reference's residuals `(m, K)`, to triangles.
 
     Missing samples are NaN. `columns` is n, and zeros pad triangles to a multiple of `ROWS`. `sums`
-    is 1 for residuals alone, and 3 with increments and ends. `alike` are the groups of channels
+    is 1 for residuals alone, and 3 with increments and ends. `groups` are the groups of channels
     that share a triangle.
     """
-    parts = [_Rows([np.zeros((0, columns + k.stop - k.start))] * sums) for k in alike]
+    parts = [_Rows([np.zeros((0, columns + k.stop - k.start))] * sums) for k in groups]
     for block, left in blocks:
-        for k, part in zip(alike, parts, strict=True):
+        for k, part in zip(groups, parts, strict=True):
             rows = np.concatenate([block, left[:, k]], axis=1)
             part.add(rows[~np.isnan(rows[:, -1])])
     padded = columns + -columns % ROWS
     matrix = np.zeros((sums, len(parts), padded, padded))
-    projected = np.zeros((alike[-1].stop, sums, padded + 1))
-    for (n, k), v in itertools.product(enumerate(alike), range(sums)):
-        upper, rest = np.split(parts[n].parts[v], [columns])
+    projected = np.zeros((groups[-1].stop, sums, padded + 1))
+    for (n, k), v in itertools.product(enumerate(groups), range(sums)):
+        upper, rest = np.split(parts[n].triangles[v], [columns])
         matrix[v, n, : len(upper), :columns] = upper[:, :columns]
         projected[k, v, : len(upper)] = upper[:, columns:].T
         projected[k, v, padded] = (rest[:, columns:] ** 2).sum(axis=0)

@@ -84,7 +84,7 @@ class BasisShape:
         if self.layout.first_order:
             return True
         column = self.layout.n_states
-        return any(self.layout.reach[i][column] for i in range(self.layout.n_states))
+        return any(self.layout.reachable[i][column] for i in range(self.layout.n_states))
 
     @property
     def sources(self) -> list[str]:
@@ -123,15 +123,15 @@ class BasisShape:
 class PoleNumbers:
     """A real pole a = 1 + mu, or a complex pair, has these numbers.
 
-    With M = `over` . (1, F, F^2), a pair has functions with the coefficients `even` (2 + F) / M and
-    - `odd` F / M; a real pole has `even` / M. The all-pass is `along[0]` + (`along[1]` + `along[2]`
-    F) / M. This form has the smallest rounding errors if other modes are much faster or slower.
+    With M = `denominator` . (1, F, F^2), a pair has functions with the coefficients `even_gain` (2 + F)
+    / M and - `odd_gain` F / M; a real pole has `even_gain` / M. The `all_pass` (a, b, c) is
+    a + (b + c F) / M. Rounding errors are smallest in this form if other modes are far faster or slower.
     """
 
-    over: tuple[float, float, float]
-    even: float
-    odd: float
-    along: tuple[float, float, float]
+    denominator: tuple[float, float, float]
+    even_gain: float
+    odd_gain: float
+    all_pass: tuple[float, float, float]
 
     @classmethod
     def of_pole(cls, mu: complex) -> PoleNumbers:
@@ -148,9 +148,9 @@ class PoleNumbers:
         return cls((size, 2.0 * (loss - m), square), even, odd, along)
 
     @property
-    def all(self) -> list[float]:
+    def numbers(self) -> list[float]:
         """Return all `COUNT` numbers in one list."""
-        return [*self.over, self.even, self.odd, *self.along]
+        return [*self.denominator, self.even_gain, self.odd_gain, *self.all_pass]
 
 
 COUNT = 8  # numbers of a pole
@@ -186,7 +186,7 @@ class ExponentialEntries:
     def __call__(self, i: int, column: int) -> Number:
         """Return an entry, with its slope if numbers have slopes."""
         layout, kind = self.shape.layout, Numbers(self.b, self.shape.slopes)
-        reached = layout.reach[i][column]
+        reached = layout.reachable[i][column]
         return kind.get(self.e, i * layout.size + column) if reached else kind.zero()
 
 
@@ -372,7 +372,7 @@ class _RemainderBound:
         values, seen = ([_values(row) for row in matrix] for matrix in (fall, seen))
         self._back: Matrix = []
         for _ in range(TURNS):
-            turn = self._turn(values)
+            turn = self._decoupled(values)
             back = inverted(turn)
             values, seen = product(back, product(values, turn)), product(seen, turn)
             self._back = product(back, self._back) if self._back else back
@@ -392,12 +392,12 @@ class _RemainderBound:
             for row in product([self._lengths(row) for row in seen], series)
         ]
 
-    def _turn(self, values: Matrix) -> Matrix:
+    def _decoupled(self, values: Matrix) -> Matrix:
         """Return coordinates with little coupling between blocks; any choice gives a valid bound."""
         turn = plus([[self._zero] * len(values) for _ in values], self._one)
         for block, other in itertools.permutations(self._blocks, 2):
             pairs = ((block, block), (block, other), (other, other), (other, block))
-            apart = _apart(*(_part(values, *pair) for pair in pairs))
+            apart = _solve_sylvester(*(_part(values, *pair) for pair in pairs))
             for (i, row), (j, column) in itertools.product(enumerate(block), enumerate(other)):
                 turn[row][column] = apart[i][j]
         return turn
@@ -425,7 +425,7 @@ def _length(parts: Sequence[Number]) -> Number:
     return parts[0].size() if len(parts) == 1 else dot(parts, parts).sqrt()
 
 
-def _apart(mine: Matrix, shared: Matrix, other: Matrix, back: Matrix) -> Matrix:
+def _solve_sylvester(mine: Matrix, shared: Matrix, other: Matrix, back: Matrix) -> Matrix:
     """Return X of A X - X B = -C (Sylvester 1884), for A `mine`, B `other` and C `shared`.
 
     `back` is the coupling in the other direction.

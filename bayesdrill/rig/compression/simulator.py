@@ -75,7 +75,7 @@ class Compression:
         poles = tuple(pole.size for pole in basis.poles)
         shape = BasisShape(poles=poles, integrators=basis.integrators, **settings)
         orders = np.array([pole.order for pole in basis.poles], dtype=np.int64)
-        still = [1.0] * shape.impulse + [math.sqrt(record.count)] * shape.constant
+        still = [1.0] * shape.impulse + [math.sqrt(record.n_knots)] * shape.constant
         empty = triangle((), shape.columns(orders), shape.sums, [slice(0, shape.channels)])
         return cls(
             shape=shape,
@@ -104,12 +104,12 @@ class Compression:
 
 @dataclass(frozen=True, eq=False)
 class CompressedSimulator(Simulator):
-    """The simulator uses the record's triangle, or the `whole` simulator if errors may be too large."""
+    """The simulator uses the record's triangle, or is `uncompressed` if errors may be too large."""
 
     model: Model
     experiment: Experiment
     sensing: ObservationModel
-    whole: Simulator
+    uncompressed: Simulator
     compression: Compression
 
     exact: ClassVar[bool] = True
@@ -119,31 +119,31 @@ class CompressedSimulator(Simulator):
     @property
     def by_samples(self) -> Simulator:
         """See `Simulator.by_samples`."""
-        return self.whole
+        return self.uncompressed
 
     def signals(self, full: Array) -> Array:
         """See `Simulator.signals`."""
-        return self.whole.signals(full)
+        return self.uncompressed.signals(full)
 
-    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+    def course(self, full: Array, directions: Array) -> tuple[Array, Array]:
         """See `Simulator.course`."""
-        return self.whole.course(full, along)
+        return self.uncompressed.course(full, directions)
 
     def of(self, experiment: Experiment) -> Simulator:
         """Return the exact simulator of another experiment."""
-        return self.whole.of(experiment)
+        return self.uncompressed.of(experiment)
 
     # Results of the triangle.
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
         if tally is not SQUARES:
-            return self.whole.sums(full, tally, weights)
+            return self.uncompressed.sums(full, tally, weights)
         return self._mended(full)[..., :1]
 
     def neighbours(self, full: Array) -> Array:
         """See `Simulator.neighbours`."""
-        return self._mended(full) if self._shape.sums > 1 else self.whole.neighbours(full)
+        return self._mended(full) if self._shape.sums > 1 else self.uncompressed.neighbours(full)
 
     def expanded(self, full: Array) -> tuple[Array, Array]:
         """Return sums `(W, K, sums)` from the triangles, and bounds of their errors."""
@@ -164,12 +164,12 @@ class CompressedSimulator(Simulator):
         scratch = self._run({"walkers": self._walkers(full)})[1][first : first + n * self._k, 0]
         return np.ascontiguousarray(scratch.reshape(n, self._k))
 
-    def normal(self, full: Array, along: Array, weights: Array) -> tuple[Array, Array, Array]:
+    def normal(self, full: Array, directions: Array, weights: Array) -> tuple[Array, Array, Array]:
         """See `Simulator.normal`."""
-        n, q, _ = along.shape
+        n, q, _ = directions.shape
         if weights.shape[2] != self._shape.sums:
-            return self.whole.normal(full, along, weights)
-        repeated = Dual(np.repeat(full, q, axis=0), along.reshape(n * q, -1))
+            return self.uncompressed.normal(full, directions, weights)
+        repeated = Dual(np.repeat(full, q, axis=0), directions.reshape(n * q, -1))
         slopes = ObservedWalkers(self.sensors, repeated).numbers.slope.reshape(n, q, -1)
         blocks = {"walkers": self._walkers(full), "directions": slopes, "weights": weights}
         rows, first = self._run(blocks, q)[0], self._k * (self._shape.sums + 1)
@@ -178,12 +178,12 @@ class CompressedSimulator(Simulator):
         products = products + np.tril(products, -1).swapaxes(1, 2)
         sums, errors = self._with_bounds(numbers)
         squares = np.asarray((weights * sums).sum(axis=2))
-        if (far := np.flatnonzero(self.beyond(sums, errors))).size:
-            exact = self.whole.normal(full[far], along[far], weights[far])
+        if (far := np.flatnonzero(self.exceeds_limit(sums, errors))).size:
+            exact = self.uncompressed.normal(full[far], directions[far], weights[far])
             squares[far], slope[far], products[far] = exact
         return squares, slope, products
 
-    def beyond(self, sums: Array, errors: Array) -> Flags:
+    def exceeds_limit(self, sums: Array, errors: Array) -> Flags:
         """Return for which walkers `(W,)` the errors of sums `(W, K, sums)` may be too large.
 
         A sum's error may be `tolerance` + `TOLERANCE` * the sum's distance from the reference's.
@@ -197,16 +197,18 @@ class CompressedSimulator(Simulator):
     def _mended(self, full: Array) -> Array:
         """Return the sums, replaced by the exact ones wherever errors may be too large."""
         sums, errors = self.expanded(full)
-        far = np.flatnonzero(self.beyond(sums, errors))
+        far = np.flatnonzero(self.exceeds_limit(sums, errors))
         if len(far):
             sums = sums.copy()
-            exact = self.whole.neighbours if self._shape.sums > 1 else self.whole.squares
+            exact = (
+                self.uncompressed.neighbours if self._shape.sums > 1 else self.uncompressed.squares
+            )
             sums[far] = exact(full[far]).reshape(len(far), *sums.shape[1:])
         return sums
 
     def exceeds_bound(self, full: Array) -> Flags:
         """See `Simulator.exceeds_bound`."""
-        return self.beyond(*self.expanded(full))
+        return self.exceeds_limit(*self.expanded(full))
 
     @property
     def unbounded(self) -> CompressedSimulator:
@@ -252,7 +254,7 @@ def even_record(simulator: Simulator) -> LongRecord:
     """Return the record of a linear rig whose steps are equal and whose channels are not late."""
     grid = simulator.sensors.grid
     count = len(grid.t) - 1
-    at = grid.at if len(grid.at) < count else None
+    at = grid.samples if len(grid.samples) < count else None
     return LongRecord(simulator.sensors, float(grid.spans[0]), count, at)
 
 
@@ -271,7 +273,7 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
     sensors, (k_count, sums) = record.sensors, weights.shape
     with np.errstate(all="ignore"):
         rates = ObservedWalkers(sensors, points).system[0]
-    sizes = np.linalg.norm(record.inputs(0, record.count) - record.first_inputs, axis=0)
+    sizes = np.linalg.norm(record.inputs(0, record.n_knots) - record.first_inputs, axis=0)
     n = np.array(simulator.experiment.counts, dtype=float)
     usual = np.stack([n, 4.0 * n, np.full(len(n), 2.0)], axis=1)[:, :sums]
     tolerance = 2.0 * TOLERANCE / np.maximum(np.abs(weights), LEAST) / weights.size
@@ -279,7 +281,7 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
         basis = choose_basis(rates, record.step, 10.0**-digits)
         nothing = Compression.of_nothing(
             basis, record, sizes, tolerance, layout=record.layout, channels=k_count,
-            impulse=sensors.sensing.moves(sensors.experiment.start, angles=()), sums=sums,
+            impulse=sensors.sensing.may_move(sensors.experiment.start, angles=()), sums=sums,
         )  # fmt: skip
         # The residuals of the reference are taken as noise.
         nothing.record.projected[..., -1] = variances[:, None] * usual

@@ -47,16 +47,16 @@ class Kernel:
     arguments: Mapping[str, Sequence[str]]
     engine: Any = field(repr=False)
 
-    def bind(self, name: str, **given: Argument) -> BoundFunction:
-        """Return a function that has the `given` arguments in all calls; others are zero by default."""
+    def bind(self, name: str, **arguments: Argument) -> BoundFunction:
+        """Return a function that has these `arguments` in all calls; others are zero by default."""
         places = {argument: place for place, argument in enumerate(self.arguments[name])}
-        values = [address(given.get(argument, 0)) for argument in places]
-        return BoundFunction(self, self.functions[name], values, places, given)
+        values = [address(arguments.get(argument, 0)) for argument in places]
+        return BoundFunction(self, self.functions[name], values, places, arguments)
 
 
 @dataclass(frozen=True, slots=True)
 class BoundFunction:
-    """A bound function has the `values` of a function's arguments; `places` are their positions.
+    """A bound function has the `values` of a function's arguments; `positions` are their positions.
 
     Values are counts and addresses of blocks. Finding the address of a block takes as long as
     simulating some samples. So it is done once for blocks that are the same in all calls.
@@ -65,21 +65,21 @@ class BoundFunction:
     kernel: Kernel  # kept, so that its machine code stays in memory
     function: Callable[..., None]
     values: list[int]
-    places: Mapping[str, int]
+    positions: Mapping[str, int]
     blocks: Mapping[str, Argument]  # kept, so that their addresses stay valid
 
-    def __call__(self, **given: Argument) -> None:
+    def __call__(self, **arguments: Argument) -> None:
         """Call the function with further counts and blocks."""
         values = self.values.copy()
-        for name, argument in given.items():
+        for name, argument in arguments.items():
             number = argument if isinstance(argument, int) else address(argument)
-            values[self.places[name]] = number
+            values[self.positions[name]] = number
         self.function(*values)
 
-    def run(self, n: int, shape: tuple[int, ...], **given: Argument) -> NDArray[np.float64]:
+    def run(self, n: int, shape: tuple[int, ...], **arguments: Argument) -> NDArray[np.float64]:
         """Call the function for n walkers; return the results `(n, *shape)` from its block `out`."""
         out = np.empty((-(-n // LANES), math.prod(shape), LANES))
-        self(groups=len(out), out=out, **given)
+        self(groups=len(out), out=out, **arguments)
         return rows_of_walkers(out, n).reshape(n, *shape)
 
 

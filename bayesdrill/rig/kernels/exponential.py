@@ -99,7 +99,7 @@ class Layout:
         return self.n_states > MOST_WRITTEN_OUT
 
     @property
-    def reach(self) -> Pattern:
+    def reachable(self) -> Pattern:
         """Return which entries `(N, N)` of the exponential can differ from zero."""
         reach = self._pattern | np.eye(self.size, dtype=bool)
         for _ in range(self.size):
@@ -107,7 +107,7 @@ class Layout:
         return tuple(map(tuple, reach.tolist()))
 
     @property
-    def idle(self) -> tuple[bool, ...]:
+    def is_zero_column(self) -> tuple[bool, ...]:
         """Return which columns are zero; the exponential has one on the diagonal of such a column."""
         return tuple(not column for column in self._pattern.any(axis=0))
 
@@ -258,7 +258,7 @@ def store_exponential(
     factor = Vector(b, emit_power(b, b.sub(_EXPONENT_BIAS, halvings)))
     short = {place: value * factor for place, value in values.items()}
     # Entries in reach are added in loops: unrolled code would double the time to compile.
-    places = np.flatnonzero(np.repeat(np.array(layout.reach), memory.width))
+    places = np.flatnonzero(np.repeat(np.array(layout.reachable), memory.width))
     reached = constant_table(b.module, places.tolist())
     memory.clear(e, n * n)
     if layout.large:
@@ -382,7 +382,7 @@ def multiply_reached(
 
     Consecutive rows with the same reach are computed in a loop.
     """
-    n, reach, memory = layout.size, layout.reach, Numbers(b, slopes)
+    n, reach, memory = layout.size, layout.reachable, Numbers(b, slopes)
     if layout.large:
         multiply_large(b, out, left, right, (n, n, n), slopes=slopes)
         return

@@ -124,7 +124,7 @@ class FrictionHistory:
 class Step:
     """A step has the matrix of its transition, and its frictions.
 
-    `rows` give the new states from the columns: states, 1, drive and, from `first` on, frictions.
+    `rows` give the new states from the columns: states, 1, drive and, from `first_friction`, frictions.
     `slopes` maps the columns of inputs to those of their time derivatives.
     """
 
@@ -134,7 +134,7 @@ class Step:
     states: tuple[str, ...]
     span: Number
     slopes: Mapping[int, int]
-    first: int
+    first_friction: int
     kind: Numbers
 
     @cached_property
@@ -196,7 +196,7 @@ class StepStart:
     """
 
     state: list[Number]
-    past: FrictionHistory
+    history: FrictionHistory
     drive: Column
     inputs: Mapping[str, Number]
 
@@ -218,7 +218,7 @@ class FrictionMode:
     def set(self, state: Sequence[Number]) -> None:
         """Store the rows for the signs of the speeds in `state`; a speed of zero sticks."""
         step, b = self.step, self.step.kind.b
-        first = step.first  # the first column of frictions
+        first = step.first_friction  # the first column of frictions
         constant = len(step.rows)  # the column of the constant 1
         directions = [slip_direction(state[friction.row]) for friction in step.frictions]
         rows = [dict(row) for row in step.rows]
@@ -237,7 +237,7 @@ class FrictionMode:
 
     def _hold(self, rows: Rows, e: int, still: Mask) -> None:
         """Give friction e the effort that makes its speed zero, in lanes where it sticks."""
-        friction, column = self.step.frictions[e], self.step.first + e
+        friction, column = self.step.frictions[e], self.step.first_friction + e
         pivot = dict(rows[friction.row])
         stop = -1.0 / pivot.pop(column)
         for i, row in enumerate(rows):
@@ -293,9 +293,9 @@ class FrictionMode:
         Varying sizes are those in the middle of the step. To compute them, the end of the step is
         predicted with sizes that continue their trends. If `sizes` are given, these are used.
         """
-        step, state, past = self.step, now.state, now.past
+        step, state, past = self.step, now.state, now.history
         rows, varying = self._read_rows(), step.varying
-        columns = [[row.get(step.first + e) for row in rows] for e in varying]
+        columns = [[row.get(step.first_friction + e) for row in rows] for e in varying]
         new = moved_by(rows, state, now.drive)
         if not varying:
             return new

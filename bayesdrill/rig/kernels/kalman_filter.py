@@ -197,12 +197,12 @@ def _emit_series(
         for i in range(n):
             memory.put(memory.get(top, i * n), term, i)
         with b.loop(TAYLOR_DEGREE, "orders") as order:
-            for i, value in enumerate(_moved(timed, n, memory.row(term, n), _over(b, order))):
+            for i, value in enumerate(_moved(timed, n, memory.row(term, n), _reciprocal(b, order))):
                 memory.put(value, term, i)
                 memory.put(memory.get(top, i * n) + value, top, i * n)
 
 
-def _over(b: Builder, index: ir.Value) -> Vector:
+def _reciprocal(b: Builder, index: ir.Value) -> Vector:
     """Return 1 / (index + 1)."""
     return Vector(b, b.splat(b.fdiv(F64(1.0), b.sitofp(b.add(index, 1), F64))))
 
@@ -216,7 +216,7 @@ def _emit_squares(
     memory.put_row([*[0.0] * (n - 1), 1.0], terms)
     with b.loop(TAYLOR_DEGREE, "orders") as order:
         here = memory.at(terms, b.mul(order, n))
-        memory.put_row(_moved(timed, n, memory.row(here, n), _over(b, order)), here, n)
+        memory.put_row(_moved(timed, n, memory.row(here, n), _reciprocal(b, order)), here, n)
     memory.clear(q, n * n)
     # Nodes of Gauss-Legendre quadrature from 0 to 1, each followed by its weight.
     nodes, weights = np.polynomial.legendre.leggauss(GAUSS_NODES)

@@ -189,7 +189,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         with self.loop(count, "copy") as index:
             self.write(self.read(source, index), target, index)
 
-    def least(self, count: ir.Value, other: Integer) -> ir.Value:
+    def minimum(self, count: ir.Value, other: Integer) -> ir.Value:
         """Return the smaller of two integers."""
         return self.select(self.icmp_signed("<", count, other), count, other)
 
@@ -249,36 +249,36 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         signed = self.xor(self.bitcast(self.fmul(total, remaining), INT_VEC), odd)
         return self.bitcast(signed, VEC)
 
-    def gather(self, numbers: ir.Value, places: ir.Value) -> ir.Value:
+    def gather(self, numbers: ir.Value, indices: ir.Value) -> ir.Value:
         """Load a number for each lane, at its own index of a block; fast if all indices are equal."""
 
         def of_lane(index: ir.Value, _: int) -> ir.Value:
             return self.single(numbers, index)
 
-        return self._gather(places, of_lane, lambda index: self.shared(numbers, index))
+        return self._gather(indices, of_lane, lambda index: self.shared(numbers, index))
 
-    def gather_lanes(self, vectors: ir.Value, places: ir.Value) -> ir.Value:
+    def gather_lanes(self, vectors: ir.Value, indices: ir.Value) -> ir.Value:
         """Load each lane's component of the vector at the lane's own index of a block."""
         numbers = self.bitcast(vectors, NUMBERS)
 
         def of_lane(index: ir.Value, lane: int) -> ir.Value:
             return self.single(numbers, self.add(self.mul(index, LANES), lane))
 
-        return self._gather(places, of_lane, lambda index: self.read(vectors, index))
+        return self._gather(indices, of_lane, lambda index: self.read(vectors, index))
 
     def _gather(
         self,
-        places: ir.Value,
+        indices: ir.Value,
         of_lane: Callable[[ir.Value, int], ir.Value],
         of_all: Callable[[ir.Value], ir.Value],
     ) -> ir.Value:
-        first = self.extract_element(places, I32(0))
-        other = self.icmp_signed("!=", places, self.splat(first))
+        first = self.extract_element(indices, I32(0))
+        other = self.icmp_signed("!=", indices, self.splat(first))
         with self.if_else(self.anywhere(other)) as (then, otherwise):
             with then:
                 gathered: ir.Value = ir.Constant(VEC, ir.Undefined)
                 for lane in range(LANES):
-                    number = of_lane(self.extract_element(places, I32(lane)), lane)
+                    number = of_lane(self.extract_element(indices, I32(lane)), lane)
                     gathered = self.insert_element(gathered, number, I32(lane))
                 block_apart = self.block
             with otherwise:

@@ -76,7 +76,7 @@ class _Writer:
         self.b, self.a, self.shape, self.group = b, a, shape, group
         self.layout, self.kind = shape.layout, Numbers(b, shape.slopes)
         self.x, self.k = shape.layout.n_states, shape.channels
-        size = sum(shape.parts.values())
+        size = sum(shape.part_sizes.values())
         self.walker = b.offset(a["own"], group, size + shape.weights)
         self.weights = b.offset(self.walker, size)
         self.record = Record(b, a["y"], a["begin"], self.k)
@@ -133,7 +133,7 @@ class _Writer:
             chunks = b.select(self.stored, 1, chunks)
         with b.loop(chunks, "chunks") as chunk:
             first = b.mul(chunk, ROWS)
-            rows = b.least(b.sub(a["samples"], first), self.plane_rows)
+            rows = b.minimum(b.sub(a["samples"], first), self.plane_rows)
             if self.shape.apart:
                 _Walker(self, integer(0), VALUES).advance(first, rows, [])
             if not single:
@@ -265,12 +265,12 @@ class _Walker:
         )  # fmt: skip
         self.joined = b.offset(self.transitions.table, self.transitions.size)
         self.state = b.offset(w.states, direction, self.x * self.kind.width)
-        self.late = [k for k, late in enumerate(shape.late) if late]
+        self.late = [k for k, late in enumerate(shape.is_delayed) if late]
         self.rows = self._rows()
 
     def numbers(self, name: str) -> list[Number]:
         """Load the numbers of a part, see `LinearShape.parts`."""
-        sizes = self.shape.parts
+        sizes = self.shape.part_sizes
         first = sum([*sizes.values()][: [*sizes].index(name)])
         values, *slopes = [
             [Vector(self.b, value) for value in self.b.read_row(at, sizes[name])]
@@ -300,8 +300,8 @@ class _Walker:
         self.transitions.fill_table(a["nodes"], a["spans"], chained)
         start = self.numbers("start")
         self.kind.put_row(start, self.state)
-        if shape.joined > 1:
-            self.transitions.join_steps(self.joined, self.rows, shape.joined)
+        if shape.samples_per_step > 1:
+            self.transitions.join_steps(self.joined, self.rows, shape.samples_per_step)
         if not self.late:
             return
         delay = self.numbers("delay")
@@ -330,7 +330,7 @@ class _Walker:
             terms = [
                 (weight, kind.get(e, i * n + j))
                 for i, weight in self.rows[k].items()
-                if layout.reach[i][j]
+                if layout.reachable[i][j]
             ]
             kind.put(sum_products(kind.zero(), terms), row, j)
         return row
@@ -339,7 +339,7 @@ class _Walker:
 
     def advance(self, first: ir.Value, rows: ir.Value, totals: Values) -> Values:
         """Advance the state from the `first` knot on, and show the channels that are not late."""
-        if self.shape.joined > 1:
+        if self.shape.samples_per_step > 1:
             return self._advance_joined(first, rows, totals)
         totals = self._advance(first, rows, totals, shows=True)
         if self.late:
@@ -358,12 +358,12 @@ class _Walker:
         knot = b.add(first, steps.index)
         drive = InputHold.load(b, self.w.layout, a["u"], knot)
         for k in range(shape.channels) if shows else ():
-            if not shape.late[k]:
-                totals = self.show(knot, steps.index, k, self._seen(k, state), totals)
+            if not shape.is_delayed[k]:
+                totals = self.show(knot, steps.index, k, self._channel_value(k, state), totals)
         if self.late:
             self._trace(knot, state, drive)
         if shape.uneven:
-            state, drive = self._share(b.single(a["share"], knot), state, drive)
+            state, drive = self._advance_fraction(b.single(a["share"], knot), state, drive)
         here = step or self.transitions.step(self.transitions.table, b.single(a["node"], knot))
         new = self._advanced(here(state, drive))
         steps.close([*new, *totals])
@@ -389,7 +389,7 @@ class _Walker:
 
     def _advance_joined(self, first: ir.Value, rows: ir.Value, totals: Values) -> Values:
         """Advance from the `first` knot on by steps of several samples, and show channels."""
-        b, kind, x, k_count, m = self.b, self.kind, self.x, self.w.k, self.shape.joined
+        b, kind, x, k_count, m = self.b, self.kind, self.x, self.w.k, self.shape.samples_per_step
         out, columns = self.shape.joined_sizes
         out -= k_count  # channels after the last step are those of the next samples
         z, following = kind.room(columns), kind.room(out)
@@ -403,27 +403,29 @@ class _Walker:
         state = kind.row(z, x)
         for j, k in itertools.product(range(m), range(k_count)):
             place = x + (j - 1) * k_count + k
-            shown = kind.get(following, place) if j else self._seen(k, state)
+            shown = kind.get(following, place) if j else self._channel_value(k, state)
             totals = self.show(b.add(knot, j), b.add(row, j), k, shown, totals)
         b.copy(following, z, x * kind.width)
         steps.close(totals)
         b.copy(z, self.state, x * kind.width)
         return totals
 
-    def _share(self, share: ir.Value, state: State, drive: InputHold) -> tuple[State, InputHold]:
-        """Advance by the fraction `share` of the ladder's width, or not at all if it is negative."""
+    def _advance_fraction(
+        self, fraction: ir.Value, state: State, drive: InputHold
+    ) -> tuple[State, InputHold]:
+        """Advance by the fraction `fraction` of the ladder's width, or not at all if it is negative."""
         b, kind, count = self.b, self.kind, len(drive.inputs)
         default = [*kind.flat(state), *(u.value for u in drive.inputs)]
 
         def moved() -> Values:
-            new, later = self.transitions.act(Vector(b, b.splat(share)), state, drive)
+            new, later = self.transitions.act(Vector(b, b.splat(fraction)), state, drive)
             return [*kind.flat(new), *(dual(u).value.value for u in later.inputs)]
 
-        registers = b.replace_if(b.fcmp_ordered(">=", share, F64(0.0)), default, moved)
+        registers = b.replace_if(b.fcmp_ordered(">=", fraction, F64(0.0)), default, moved)
         inputs = [Vector(b, u) for u in registers[len(registers) - count :]]
         return kind.shaped(registers[: len(registers) - count]), InputHold(inputs, drive.slopes)
 
-    def _seen(self, k: int, state: State, *, offset: bool = True) -> Number:
+    def _channel_value(self, k: int, state: State, *, offset: bool = True) -> Number:
         """Return the value of channel k at a state, with or without its offset."""
         terms = [(weight, state[i]) for i, weight in self.rows[k].items() if i < self.x]
         return sum_products(self.rows[k][self.x] if offset else self.kind.zero(), terms)
@@ -458,8 +460,8 @@ class _Walker:
             return totals
         b, w, shape = self.b, self.w, self.shape
         start, before = self.numbers("start"), self.numbers("before")
-        begins = {k: self._seen(k, start) for k in self.late}
-        rates = {k: self._seen(k, before, offset=False) for k in self.late}
+        begins = {k: self._channel_value(k, start) for k in self.late}
+        rates = {k: self._channel_value(k, before, offset=False) for k in self.late}
         first = ir.Constant(INT_VEC, [0] * LANES)
         carried = [first for _ in self.late] if shape.uneven else []
         samples = Loop(b, w.a["samples"], [*carried, *totals], "late")
@@ -474,35 +476,35 @@ class _Walker:
                 last = b.splat(b.sub(w.a["knots"], 1))
                 inside = b.select(b.icmp_signed("<", place, last), place, last)
                 inside = b.select(b.icmp_signed(">", inside, 0), inside, 0)
-                value = self._kept(inside, len(self.late), n)
+                value = self._load_traced(inside, len(self.late), n)
                 early = Mask(b, b.icmp_signed("<", place, 0))  # independent of the rounding of t
             else:
                 place = b.last_until(w.a["t"], samples.carried[n], dual(when).value.value)
                 places.append(place)
-                value = self._between(k, place, when)
+                value = self._channel_value_at(k, place, when)
             shown = where(early, straight, value)
             totals = self.show(samples.index, samples.index, k, shown, totals)
         samples.close([*places, *totals])
         return totals
 
-    def _kept(self, place: ir.Value, count: int, n: int) -> Number:
+    def _load_traced(self, knot: ir.Value, count: int, n: int) -> Number:
         """Load number n of the `count` numbers that `_trace` has stored at the knot of each lane."""
         width = self.kind.width
-        first = self.b.mul(place, count * width)
+        first = self.b.mul(knot, count * width)
         places = [self.b.add(first, n * width + part) for part in range(width)]
         return self.kind.shaped([self.b.gather_lanes(self.w.trace, at) for at in places])[0]
 
-    def _between(self, k: int, place: ir.Value, when: Number) -> Number:
+    def _channel_value_at(self, k: int, knot: ir.Value, when: Number) -> Number:
         """Return the value of channel k at the time `when`, which is after the knot of each lane."""
         b, layout = self.b, self.w.layout
-        state = [self._kept(place, self.x, i) for i in range(self.x)]
+        state = [self._load_traced(knot, self.x, i) for i in range(self.x)]
         columns = layout.size - self.x - 1
-        first = b.mul(place, columns)
+        first = b.mul(knot, columns)
         inputs = [Vector(b, b.gather(self.w.a["u"], b.add(first, c))) for c in range(columns)]
         drive = InputHold(inputs[: layout.n_series], inputs[layout.n_series :])
-        span = when - Vector(b, b.gather(self.w.a["t"], place))
+        span = when - Vector(b, b.gather(self.w.a["t"], knot))
         early = dual(span).value.below(0.0)
         nothing = Dual(Vector(b, vector(0.0)), dual(span).slope) if self.kind.slopes else 0.0
         span = where(early, nothing, span)
         moved, _ = self.transitions.act(span / self.transitions.width, state, drive)
-        return self._seen(k, moved)
+        return self._channel_value(k, moved)

@@ -42,7 +42,7 @@ class LinearShape:
     """A kernel is specialised for this structure of a record.
 
     `rows (K, X)` says which states a channel shows; their weights, and offsets, differ between
-    walkers. `late (K,)` says which channels are late. `uneven` says that steps differ, or that
+    walkers. `is_delayed (K,)` says which channels are late. `uneven` says that steps differ, or that
     there is no step. The kernel computes the sums of a `tally` or, without one, normal equations,
     for which numbers have slopes. Kernels of `SQUARES` and of normal equations can store signals
     instead. `sensed` says that starts and rows have slopes, never needed with perfect sensors.
@@ -50,7 +50,7 @@ class LinearShape:
 
     layout: Layout
     rows: Pattern
-    late: tuple[bool, ...]
+    is_delayed: tuple[bool, ...]
     uneven: bool
     tally: ResidualSums | None
     sensed: bool
@@ -59,7 +59,8 @@ class LinearShape:
     def text(self) -> str:
         """See `compile_kernel`."""
         return (
-            f"{self.rows} {self.late} {self.uneven} {self.tally} {self.sensed} {self.layout.text}"
+            f"{self.rows} {self.is_delayed} {self.uneven} {self.tally} {self.sensed} "
+            f"{self.layout.text}"
         )
 
     @property
@@ -73,50 +74,50 @@ class LinearShape:
         return len(self.rows)
 
     @property
-    def joined(self) -> int:
+    def samples_per_step(self) -> int:
         """Return the samples per step; large matrices are faster with several samples at once."""
-        plain = self.layout.large and not (self.uneven or any(self.late))
+        plain = self.layout.large and not (self.uneven or any(self.is_delayed))
         return JOINED if plain else 1
 
     @property
     def joined_sizes(self) -> tuple[int, int]:
-        """Return rows and columns of the matrix of `joined` samples, see `Transitions.join_steps`."""
+        """Return the shape of the matrix of `samples_per_step` samples, see `Transitions.join_steps`."""
         x = self.layout.n_states
         drives = self.layout.size - x - 1
-        return x + self.joined * self.channels, x + 1 + self.joined * drives
+        return x + self.samples_per_step * self.channels, x + 1 + self.samples_per_step * drives
 
     @property
     def table_numbers(self) -> int:
         """Return how many numbers the table has for each node."""
-        joined = math.prod(self.joined_sizes) if self.joined > 1 else 0
+        joined = math.prod(self.joined_sizes) if self.samples_per_step > 1 else 0
         return len(table_entries(self.layout)) + joined
 
     @property
-    def parts(self) -> dict[str, int]:
+    def part_sizes(self) -> dict[str, int]:
         """Return how many numbers of a walker each part has, in the order of storage."""
         x, k = self.layout.n_states, self.channels
         parts = {"parameters": self.layout.n_parameters, "start": x, "rows": k * (x + 1)}
-        return parts | ({"before": x, "delay": k} if any(self.late) else {})
+        return parts | ({"before": x, "delay": k} if any(self.is_delayed) else {})
 
     @property
     def with_slopes(self) -> int:
-        """Return how many of the first numbers of `parts` have slopes, in a kernel with slopes."""
-        return sum(self.parts.values()) if self.sensed else self.layout.n_parameters
+        """Return how many of the first numbers of `part_sizes` have slopes, in a kernel with slopes."""
+        return sum(self.part_sizes.values()) if self.sensed else self.layout.n_parameters
 
     @property
     def weights(self) -> int:
-        """Return how many numbers follow `parts`: weights of a tally, or scales of residuals."""
+        """Return how many numbers follow `part_sizes`: weights of a tally, or scales of residuals."""
         return self.channels * (SCALES if self.tally is None else self.tally.weights)
 
     @property
     def single_chunk(self) -> bool:
         """Return whether all samples are one chunk, computed for one direction after the other."""
-        return self.tally is not None or any(self.late) or self.uneven
+        return self.tally is not None or any(self.is_delayed) or self.uneven
 
     @property
     def apart(self) -> bool:
         """Return whether values are computed before slopes, and not again in each direction."""
-        return self.slopes and not self.single_chunk and self.joined == 1
+        return self.slopes and not self.single_chunk and self.samples_per_step == 1
 
     def scratch(self, counts: Mapping[str, int]) -> tuple[int, ...]:
         """Return the size of each part of `SCRATCH`, in vectors, for a run with these `COUNTS`."""
@@ -125,9 +126,9 @@ class LinearShape:
         copies = 1 if self.single_chunk else directions
         rows = counts["samples"] if self.single_chunk else ROWS
         path = counts["samples"] if counts["stored"] else ROWS
-        late = x if self.uneven else sum(self.late)
+        late = x if self.uneven else sum(self.is_delayed)
         rungs = MAX_RUNGS * len(table_entries(self.layout)) if counts["high"] >= 0 else 0
-        trace = counts["knots"] * late if any(self.late) else path * x * self.apart
+        trace = counts["knots"] * late if any(self.is_delayed) else path * x * self.apart
         table = copies * counts["nodes"] * self.table_numbers
         planes = (count * rows * k * self.slopes, count * k * self.slopes)
         return table * width, directions * x * width, rungs * width, *planes, trace * width

@@ -93,13 +93,13 @@ class RestState:
 class ReversalStep:
     """A step with events is one in which speeds may cross zero, and frictions may stick or slip.
 
-    It is divided into `count` parts, each a `step` over the fraction `share` of the whole. Over the
+    It is divided into `n_parts` parts, each a `step` over the fraction `fraction` of the whole. Over the
     whole step a fast state, such as a current, may be far from the straight line that is assumed.
     """
 
     step: Step
-    count: ir.Value
-    share: Vector
+    n_parts: ir.Value
+    fraction: Vector
 
     @property
     def _order(self) -> list[int]:
@@ -121,15 +121,15 @@ class ReversalStep:
         x, v = len(now.state), len(step.varying)
         e = x + (len(step.frictions) if shows else 0)
         nothing = [kind.zero() for _ in range(e - x)]
-        start = kind.flat([*now.state, *nothing, *now.past.sizes, *now.past.trends])
-        loop = Loop(kind.b, self.count, start, "parts")
+        start = kind.flat([*now.state, *nothing, *now.history.sizes, *now.history.trends])
+        loop = Loop(kind.b, self.n_parts, start, "parts")
         values = kind.shaped(loop.carried)
         before = FrictionHistory(values[e : e + v], values[e + v :])
         since = Vector(kind.b, kind.b.splat(kind.b.sitofp(loop.index, F64))) * step.span
         drive = step.drive_after(now.drive, since)
         result = self._whole(StepStart(values[:x], before, drive, now.inputs), shows=shows)
         pairs = zip(values[x:e], result[x:e], strict=True)
-        efforts = [total + effort * self.share for total, effort in pairs]
+        efforts = [total + effort * self.fraction for total, effort in pairs]
         result = [*result[:x], *efforts, *result[e:]]
         loop.close(kind.flat(result))
         return result
@@ -139,7 +139,7 @@ class ReversalStep:
         step, state, drive, inputs = self.step, now.state, now.drive, now.inputs
         rest_sizes = step.rest_sizes(state, inputs)
         sizes = [*rest_sizes]  # past sizes are of one direction; unused if the two sizes differ
-        for e, magnitude in zip(step.varying, now.past.sizes, strict=True):
+        for e, magnitude in zip(step.varying, now.history.sizes, strict=True):
             if not sizes[e].differ:
                 sizes[e] = Sizes(magnitude, magnitude)
         free, later = step.frictionless(state, drive), step.drive_after(drive, step.span)
@@ -232,7 +232,7 @@ class ReversalStep:
         def slipping() -> list[Number]:
             # The required effort is two straight lines in time: first to middle, then to last.
             middle = (mean * 6.0 - first - last) * 0.25
-            halves = [_beyond(*ends, held) for ends in ((first, middle), (middle, last))]
+            halves = [_excess(*ends, held) for ends in ((first, middle), (middle, last))]
             share = (halves[0][0] + halves[1][0]) * 0.5
             driving = (halves[0][1] + halves[1][1]) * 0.5
             bent = mean - (first + middle * 2.0 + last) * 0.25
@@ -266,7 +266,7 @@ class ReversalStep:
         return new
 
 
-def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]:
+def _excess(first: Number, last: Number, limit: Number) -> tuple[Number, Number]:
     """Return the fraction of a straight line above a limit, and the mean of max(line - limit, 0)."""
     begins, ends, rises = above(first, limit), above(last, limit), above(last, first)
     far, near = where(rises, last, first), where(rises, first, last)
@@ -288,12 +288,12 @@ def advance_stride(
     and all frictions of the lane slip far from any event. The code of `steps` runs only if there are
     other lanes, which take these steps.
     """
-    step, state, past, directions = mode.step, now.state, now.past, mode.directions()
+    step, state, past, directions = mode.step, now.state, now.history, mode.directions()
 
     def long_step() -> list[Number]:
-        steady = [sliding for sliding, _ in _spent(step, state)]
+        steady = [sliding for sliding, _ in _decay_terms(step, state)]
         trends = [step.kind.zero() for _ in steady]
-        begin = replace(now, past=FrictionHistory(steady, trends))
+        begin = replace(now, history=FrictionHistory(steady, trends))
         new = mode.advance(begin, directions, sizes=steady)
         return [*new[: len(state)], *steady, *trends]
 
@@ -314,11 +314,11 @@ def advance_stride(
 
 def _falling(step: Step, state: Sequence[Number]) -> Iterator[Mask]:
     """Yield a mask for each varying size: the lanes in which it still changes with the speed."""
-    for _, fallen in _spent(step, state):
+    for _, fallen in _decay_terms(step, state):
         yield below(fallen, SETTLED_EXPONENT)
 
 
-def _spent(step: Step, state: Sequence[Number]) -> Iterator[tuple[Number, Number]]:
+def _decay_terms(step: Step, state: Sequence[Number]) -> Iterator[tuple[Number, Number]]:
     """Evaluate `SettlingLaw.decay_terms` for the sizes that vary."""
     for e in step.varying:
         friction = step.frictions[e]

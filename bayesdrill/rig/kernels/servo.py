@@ -70,7 +70,7 @@ def merged_step(closed: Mask, first: Step, second: Step) -> Step:
     rows = [_merged(closed, *both) for both in zip(first.rows, second.rows, strict=True)]
     pairs = zip(first.frictions, second.frictions, strict=True)
     frictions = [
-        _merged_friction(closed, one, other, rows, first.first + e)
+        _merged_friction(closed, one, other, rows, first.first_friction + e)
         for e, (one, other) in enumerate(pairs)
     ]
     return replace(first, rows=rows, frictions=frictions)

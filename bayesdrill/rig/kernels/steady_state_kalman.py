@@ -84,7 +84,7 @@ Addresses = dict[str, ir.Value]
 
 
 def _solve_riccati(
-    m: Numbers, system: StateSpace, at: Addresses, samples: ir.Value, first: ir.Value
+    m: Numbers, system: StateSpace, addresses: Addresses, samples: ir.Value, first: ir.Value
 ) -> None:
     """Store P, G, A, gains and pulls, for given Phi and Q.
 
@@ -93,16 +93,16 @@ def _solve_riccati(
     """
     n, b = system.n, m.b
     transition_a, transition_b, information = (m.room(n * n) for _ in range(3))
-    at = at | {"information": information, "grown": m.room(system.k)}
-    m.put_row([math.inf] * system.k, at["grown"])
-    b.copy(at["phi"], transition_a, n * n)
-    b.copy(at["q"], at["p"], n * n)
+    addresses = addresses | {"information": information, "grown": m.room(system.k)}
+    m.put_row([math.inf] * system.k, addresses["grown"])
+    b.copy(addresses["phi"], transition_a, n * n)
+    b.copy(addresses["q"], addresses["p"], n * n)
     m.clear(information, n * n)
     for k in range(system.k):
-        over = 1.0 / m.get(at["variances"], k)
-        for index, both in _products(b, system, at["weights"], k):
+        over = 1.0 / m.get(addresses["variances"], k)
+        for index, both in _products(b, system, addresses["weights"], k):
             m.put(m.get(information, index) + over * both, information, index)
-    m.clear(at["g"], n * n)
+    m.clear(addresses["g"], n * n)
     b.store(samples, first)
     entry = b.block
     body, after = b.append_basic_block("doubling"), b.append_basic_block("settled")
@@ -112,8 +112,8 @@ def _solve_riccati(
     for node, value in ((count, integer(0)), (transition, transition_a), (spare, transition_b)):
         node.add_incoming(value, entry)
     with b.if_then(b.trunc(b.lshr(samples, count), ir.IntType(1))):
-        _prepend(m, n, at, transition)
-    grows, moves = _double(m, system, at, transition, spare)
+        _prepend(m, n, addresses, transition)
+    grows, moves = _double(m, system, addresses, transition, spare)
     following = b.add(count, 1)
     length = b.shl(1, following)
     informed = b.and_(b.not_(grows), b.icmp_signed("<", length, b.load(first)))
@@ -128,12 +128,12 @@ def _solve_riccati(
     b.cbranch(more, body, after)
     b.position_at_end(after)
     with b.if_then(b.icmp_signed("<", b.load(first), samples)):
-        b.copy(information, at["g"], n * n)
-    _store_gains(m, system, at)
+        b.copy(information, addresses["g"], n * n)
+    _store_gains(m, system, addresses)
 
 
 def _double(
-    m: Numbers, system: StateSpace, at: Addresses, transition: ir.Value, following: ir.Value
+    m: Numbers, system: StateSpace, addresses: Addresses, transition: ir.Value, following: ir.Value
 ) -> tuple[ir.Value, ir.Value]:
     """Store the `following` B, and G (`information`) and H (`p`), for twice as many steps.
 
@@ -141,7 +141,7 @@ def _double(
     the variance of any channel. With the latest additions a_j to this variance, the next is at most
     a_j^2 / a_j-1. `grown (K,)` stores a_j.
     """
-    n, b, p, information = system.n, m.b, at["p"], at["information"]
+    n, b, p, information = system.n, m.b, addresses["p"], addresses["information"]
     lu, x, e, more = (m.room(n * n) for _ in range(4))
     _decompose_sum(m, n, p, information, x, lu, m.room(1))
     solve(b, x, lu, p, n, n)
@@ -158,13 +158,13 @@ def _double(
         changed = b.or_(changed, b.fcmp_ordered(">", now.value, much.value))
     grows, changed = b.anywhere(changed), NOWHERE
     for k in range(system.k):
-        change, variance = Vector(b, vector(0.0)), m.get(at["variances"], k)
-        for index, both in _products(b, system, at["weights"], k):
+        change, variance = Vector(b, vector(0.0)), m.get(addresses["variances"], k)
+        for index, both in _products(b, system, addresses["weights"], k):
             change = multiply_add(both, m.get(more, index), change)
             variance = multiply_add(both, m.get(p, index), variance)
-        least = variance * COVARIANCE_TOLERANCE * m.get(at["grown"], k)
+        least = variance * COVARIANCE_TOLERANCE * m.get(addresses["grown"], k)
         changed = b.or_(changed, b.fcmp_ordered(">", (change * change).value, least.value))
-        m.put(change, at["grown"], k)
+        m.put(change, addresses["grown"], k)
     m.put_row([m.get(p, index) + m.get(more, index) for index in range(n * n)], p)
     return grows, b.anywhere(changed)
 
@@ -189,40 +189,45 @@ def _add_one(m: Numbers, n: int, x: ir.Value) -> None:
         m.put(m.get(x, i * n + i) + 1.0, x, i * n + i)
 
 
-def _prepend(m: Numbers, n: int, at: Addresses, transition: ir.Value) -> None:
+def _prepend(m: Numbers, n: int, addresses: Addresses, transition: ir.Value) -> None:
     """Put the block B, G, H before samples with information `g`; store that of both in `g`."""
-    b, end = m.b, at["g"]
+    b, end = m.b, addresses["g"]
     lu, x, e = (m.room(n * n) for _ in range(3))
-    _decompose_sum(m, n, at["p"], end, x, lu, m.room(1))
+    _decompose_sum(m, n, addresses["p"], end, x, lu, m.room(1))
     solve(b, e, lu, transition, n, n)
     multiply(b, x, end, e, (n, n, n))
-    b.copy(at["information"], end, n * n)
+    b.copy(addresses["information"], end, n * n)
     multiply_symmetric(b, end, transition, x, n, transposed=True, adds=True)
 
 
-def _store_gains(m: Numbers, system: StateSpace, at: Addresses) -> None:
+def _store_gains(m: Numbers, system: StateSpace, addresses: Addresses) -> None:
     """Store gains, pulls, and the transition A of the filter's error."""
     n, b = system.n, m.b
-    gains = Gains(m, system, at["gains"], at["weights"])
+    gains = Gains(m, system, addresses["gains"], addresses["weights"])
     updated, closed_loop = m.room(n * n), m.room(n * n)
-    b.copy(at["p"], updated, n * n)
+    b.copy(addresses["p"], updated, n * n)
     m.clear(closed_loop, n * n)
     _add_one(m, n, closed_loop)
     for k in range(system.k):
-        gains.update_covariance(k, updated, at["variances"])
-        weights = system.weights(b, at["weights"], k)
+        gains.update_covariance(k, updated, addresses["variances"])
+        weights = system.weights(b, addresses["weights"], k)
         rows = [m.row(closed_loop, n, i * n) for i in weights]
         shows = [dot([*weights.values()], [row[j] for row in rows]) for j in range(n)]
         root = gains.inverse_deviation(k)
-        m.put_row([weight * root * root for weight in shows], at["pulls"], k * n)
+        m.put_row([weight * root * root for weight in shows], addresses["pulls"], k * n)
         for i, gain in enumerate(gains.gain(k)):
             pairs = zip(shows, m.row(closed_loop, n, i * n), strict=True)
             m.put_row([multiply_add(-gain, *pair) for pair in pairs], closed_loop, i * n)
-    multiply(b, at["a"], at["phi"], closed_loop, (n, n, n))
+    multiply(b, addresses["a"], addresses["phi"], closed_loop, (n, n, n))
 
 
 def _correct_start(
-    m: Numbers, n: int, at: Addresses, start: ir.Value, shown: ir.Value, determinant: ir.Value
+    m: Numbers,
+    n: int,
+    addresses: Addresses,
+    start: ir.Value,
+    shown: ir.Value,
+    determinant: ir.Value,
 ) -> Number:
     """Correct for the covariance P0 (`start`) of the start, which the filter takes as P.
 
@@ -233,7 +238,7 @@ def _correct_start(
 
     With P the residuals would be independent.  `b (n,)` is their score of the start.
     """
-    b, p, g = m.b, at["p"], at["g"]
+    b, p, g = m.b, addresses["p"], addresses["g"]
     settled, known, lu = (m.room(n * n) for _ in range(3))
     row, solved, other = m.room(n), m.room(n), m.room(1)
     _decompose_sum(m, n, p, g, settled, lu, other)
@@ -328,7 +333,7 @@ def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> No
 class SteadyFilter:
     """The filter has the numbers that all samples of a group of walkers share.
 
-    For `first (1,)` see `_solve_riccati`.
+    For `n_informative (1,)` see `_solve_riccati`.
     """
 
     m: Numbers
@@ -336,13 +341,13 @@ class SteadyFilter:
     layout: Layout
     a: dict[str, ir.Value]
     step: Step
-    at: Addresses
-    first: ir.Value
+    addresses: Addresses
+    n_informative: ir.Value
 
     @property
     def gains(self) -> Gains:
         """Return the gains of all channels."""
-        return Gains(self.m, self.system, self.at["gains"], self.at["weights"])
+        return Gains(self.m, self.system, self.addresses["gains"], self.addresses["weights"])
 
     def advance(
         self, index: ir.Value, registers: list[ir.Value], pulls: ir.Value | None
@@ -368,7 +373,7 @@ def _emit_sums(w: SteadyFilter, state: list[ir.Value], shown: ir.Value) -> list[
 
     `shown` receives the score `(n,)` of the first state.
     """
-    b, informed = w.m.b, w.m.b.load(w.first)
+    b, informed = w.m.b, w.m.b.load(w.n_informative)
     blocks = b.sdiv(b.add(informed, BLOCK_SAMPLES - 1), BLOCK_SAMPLES)
     squares = _emit_samples(w, blocks, state)
     _emit_back(w, blocks, shown)
@@ -381,7 +386,7 @@ def _emit_samples(w: SteadyFilter, blocks: ir.Value, state: list[ir.Value]) -> l
     pulls, none = _emit_pulls(w), vector(0.0)
     each = Loop(b, blocks, [*state, *[none] * k_count], "blocks")
     begins = b.mul(each.index, BLOCK_SAMPLES)
-    count = b.least(b.sub(w.a["samples"], begins), BLOCK_SAMPLES)
+    count = b.minimum(b.sub(w.a["samples"], begins), BLOCK_SAMPLES)
     inner = Loop(b, count, [*each.carried, *[none] * n], "samples")
     block_scores = m.at(pulls, b.mul(inner.index, n * k_count))
     new = w.advance(b.add(begins, inner.index), inner.carried, block_scores)
@@ -405,8 +410,8 @@ def _emit_pulls(w: SteadyFilter) -> ir.Value:
     """Return pulls A^j `(BLOCK_SAMPLES, K, n)`: how sample j depends on its block's first state."""
     m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     each = n * k_count
-    pulls, a = m.room(BLOCK_SAMPLES * each), w.at["a"]
-    b.copy(w.at["pulls"], pulls, each)
+    pulls, a = m.room(BLOCK_SAMPLES * each), w.addresses["a"]
+    b.copy(w.addresses["pulls"], pulls, each)
     for k in range(1, BLOCK_SAMPLES):
         multiply(b, m.at(pulls, k * each), m.at(pulls, (k - 1) * each), a, (k_count, n, n))
     return pulls
@@ -415,7 +420,7 @@ def _emit_pulls(w: SteadyFilter) -> ir.Value:
 def _emit_back(w: SteadyFilter, blocks: ir.Value, shown: ir.Value) -> None:
     """Store the score of the first state: backwards, s <- (A^BLOCK_SAMPLES)' s + a block's score."""
     m, b, n = w.m, w.m.b, w.system.n
-    powers, power = m.room(2 * n * n), w.at["a"]
+    powers, power = m.room(2 * n * n), w.addresses["a"]
     for k in range(BLOCK_SAMPLES.bit_length() - 1):
         following = m.at(powers, (k % 2) * n * n)
         multiply(b, following, power, power, (n, n, n))

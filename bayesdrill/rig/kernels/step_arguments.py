@@ -42,7 +42,7 @@ BLOCKS = {
 class SteppedShape:
     """A kernel is specialised for this structure of a stepped rig and record.
 
-    `series` are sampled inputs; those in `late` have a lag, which depends on the walker. `constant`
+    `series` are sampled inputs; `delayed_series` have a lag, which depends on the walker. `constant`
     are the non-zero constant inputs. `pattern (K, R)` says which entries of rows may differ from
     zero; columns are states, 1 and, with `efforts`, frictions. `tally` is None for signals, which a
     kernel of `SQUARES` can store too. `dual` says that numbers have slopes. `read` says that
@@ -51,7 +51,7 @@ class SteppedShape:
 
     model: Model
     series: tuple[str, ...]
-    late: tuple[str, ...]
+    delayed_series: tuple[str, ...]
     constant: tuple[str, ...]
     first_order: bool
     pattern: Pattern
@@ -64,10 +64,10 @@ class SteppedShape:
     def text(self) -> str:
         """See `compile_kernel`."""
         # The formulas and indices below represent these fields.
-        described = ("model", "series", "late", "constant")
+        described = ("model", "series", "delayed_series", "constant")
         names = [setting.name for setting in fields(self) if setting.name not in described]
         settings = {name: getattr(self, name) for name in (*names, "long_steps")}
-        late = [self.series.index(name) for name in self.late]
+        late = [self.series.index(name) for name in self.delayed_series]
         both = [(c, name in self.series) for c, name in enumerate(self.constant)]
         model = formulas(len(self._named_numbers) * self.numbers, self._formulas)
         return f"{settings} {len(self.series)} {late} {both} {model} {self.layout.text}"
@@ -119,7 +119,7 @@ class SteppedShape:
     def long_steps(self) -> bool:
         """Return whether long steps are possible: sizes settle, and nothing else needs short steps."""
         special = self.model.gravities or self.model.saturation
-        if self.efforts or self.read or self.late or special:
+        if self.efforts or self.read or self.delayed_series or special:
             return False
         laws = [friction.law for friction in self.model.frictions if not friction.law.steady]
         if any(DIRECTION in friction.law.seen for friction in self.model.frictions):
@@ -151,7 +151,7 @@ class SteppedShape:
     @property
     def walker_blocks(self) -> dict[str, int]:
         """Return the size of each part of the block `own`, in numbers."""
-        k, x, late = len(self.pattern), len(self.model.states), len(self.late)
+        k, x, late = len(self.pattern), len(self.model.states), len(self.delayed_series)
         parts = {"parameters": len(self.model.parameters), "x0": x, "rows": k * self.r_count}
         if self.read:
             parts |= {"before": x, "shift": k}

@@ -136,7 +136,7 @@ class Writer:
     def _entry(self, e: ir.Value, row: int, column: int) -> Number | None:
         """Return an entry, or None for zero; columns are states, the constant 1, drives, frictions."""
         layout = self.shape.layout
-        reached = layout.reach[row][column]
+        reached = layout.reachable[row][column]
         return self.kind.get(e, row * layout.size + column) if reached else None
 
     @property
@@ -230,7 +230,7 @@ class Writer:
             states=shape.model.states,
             span=span,
             slopes={x + 1 + k: x + 1 + s + k for k in range(s)} if shape.first_order else {},
-            first=first,
+            first_friction=first,
             kind=self.kind,
         )
 
@@ -293,10 +293,10 @@ class Writer:
         """Load an input; if it is late, each lane interpolates between two rows at its own lag."""
         b, shape, count = self.b, self.shape, len(self.shape.columns)
         name = shape.series[k % len(shape.series)]
-        if name not in shape.late:
+        if name not in shape.delayed_series:
             index = b.add(b.mul(node, count), k)
             return Vector(b, b.shared(self.a["u"], index))
-        late = shape.late.index(name)
+        late = shape.delayed_series.index(name)
         share = self.walker_numbers("share")[late]
         behind = b.fptosi(b.read(self.walker["behind"], late), INT_VEC)
         row = b.mul(b.sub(b.splat(node), behind), count)
@@ -485,14 +485,14 @@ def emit_trace(w: Writer) -> None:
     before = w.evaluate_rates(new, drive, efforts, later=w.span)
     for k in range(w.k_count):
         entries = [w.output(k, state, []), *(_seen_rate(w, k, rate) for rate in (after, before))]
-        _keep(w, nodes.index, k, entries)
+        _store_entries(w, nodes.index, k, entries)
     nodes.close(last)
     zero: Number = Vector(b, vector(0.0))
     for k in range(w.k_count):
-        _keep(w, w.a["nodes"], k, [w.output(k, new, []), zero, zero])
+        _store_entries(w, w.a["nodes"], k, [w.output(k, new, []), zero, zero])
 
 
-def _keep(w: Writer, node: Integer, k: int, entries: Sequence[Number]) -> None:
+def _store_entries(w: Writer, node: Integer, k: int, entries: Sequence[Number]) -> None:
     b, numbers = w.b, w.shape.numbers
     index = b.add(b.mul(node, w.k_count), k)
     w.kind.put_row(entries, b.offset(w.a["trace"], index, TRACE_VALUES * numbers))
@@ -544,8 +544,8 @@ def _read(w: Writer, k: int, when: Number, begin: Number) -> Number:
     node = b.select(b.fcmp_ordered("<", node, last), node, last)
     node = b.select(b.fcmp_ordered(">", node, vector(0.0)), node, vector(0.0))
     share = when - Vector(b, node)
-    value, after, before = (_kept(w, node, k, q) for q in range(TRACE_VALUES))
-    rise = _kept(w, b.fadd(node, vector(1.0)), k, 0) - value
+    value, after, before = (_load_entries(w, node, k, q) for q in range(TRACE_VALUES))
+    rise = _load_entries(w, b.fadd(node, vector(1.0)), k, 0) - value
     bend = rise * 3.0 - after * 2.0 - before
     turn = after + before - rise * 2.0
     between = value + share * (after + share * (bend + share * turn))
@@ -553,7 +553,7 @@ def _read(w: Writer, k: int, when: Number, begin: Number) -> Number:
     return where(early, value + share * begin, between)
 
 
-def _kept(w: Writer, node: ir.Value, k: int, q: int) -> Number:
+def _load_entries(w: Writer, node: ir.Value, k: int, q: int) -> Number:
     b, numbers = w.b, w.shape.numbers
     row = b.mul(b.fptosi(node, INT_VEC), w.k_count * TRACE_VALUES * numbers)
     first = (k * TRACE_VALUES + q) * numbers

@@ -62,7 +62,7 @@ def table_entries(layout: Layout) -> list[tuple[int, int]]:
 
     For a large matrix these are whole rows.
     """
-    n, reach, large = layout.size, layout.reach, layout.large
+    n, reach, large = layout.size, layout.reachable, layout.large
     return [(i, j) for i in range(layout.n_states) for j in range(n) if large or reach[i][j]]
 
 
@@ -180,7 +180,7 @@ class Transitions:
         phi = {entry: self.kind.get(at, n) for n, entry in enumerate(table_entries(self.layout))}
         # Nothing depends on an idle state: its entry is the constant one.
         unity = Vector(self.b, vector(1.0))
-        idle = self.layout.idle
+        idle = self.layout.is_zero_column
         phi |= {(i, i): unity for i in range(self.layout.n_states) if idle[i]}
         return lambda state, drive: self._multiply(phi, state, drive)
 

@@ -287,14 +287,14 @@ class CombinedLaw:
 
 @dataclass(frozen=True, slots=True)
 class LoadSpring:
-    """A load spring is behind a gear, between its `near` end and its `far` end (None for the ground).
+    """A load spring is behind a gear, between `near_end` and `far_end` (None for the ground).
 
     Each end is (state, reduction): the state is `reduction` times the angle of that end.
     """
 
     stiffness: str
-    near: tuple[str, float]
-    far: tuple[str, float] | None
+    near_end: tuple[str, float]
+    far_end: tuple[str, float] | None
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -304,11 +304,11 @@ class LoadSpring:
     @property
     def angles(self) -> tuple[str, ...]:
         """Return the states on which the torque depends, the far one first."""
-        return (self.near[0],) if self.far is None else (self.far[0], self.near[0])
+        return (self.near_end[0],) if self.far_end is None else (self.far_end[0], self.near_end[0])
 
     def load(self, p: Named, seen: Mapping[str, Any]) -> Any:
         """Return the torque of the spring at its near end."""
-        (near, reduction), far = self.near, self.far
+        (near, reduction), far = self.near_end, self.far_end
         twist = _before_gear(seen[near], reduction)
         if far is not None:
             twist = twist - _before_gear(seen[far[0]], far[1])

@@ -85,13 +85,13 @@ def torque_gain(model: Model, torque: MissingTorque, p: Named, linear: Linear) -
 class AugmentedModel(WrappedModel):
     """The augmented model has the states of a `rig`, then those of a missing torque.
 
-    The size and the correlation time of the torque are further parameters. `free` says that the rig
-    can turn as a whole without any restoring torque. All other angles are then relative to the last
+    The size and the correlation time of the torque are further parameters. An unrestrained rig can
+    turn as a whole without any restoring torque. All other angles are then relative to the last
     angle, which is a state only if it is `observable`.
     """
 
     torque: MissingTorque
-    free: bool = False
+    is_unrestrained: bool = False
     observable: bool = True
 
     frictions: ClassVar[tuple[()]] = ()  # no friction changes its sign in this model
@@ -120,7 +120,7 @@ class AugmentedModel(WrappedModel):
         """See `Model.linear`."""
         linear = self.rig.linear(p)
         a, b, c = dict(linear.A), dict(linear.B), dict(linear.c)
-        if self.free:
+        if self.is_unrestrained:
             a, b = self._relative(a), self._relative(b)
             constant = self._relative({(row, ""): value for row, value in c.items()})
             c = {row: value for (row, _), value in constant.items()}
@@ -148,14 +148,14 @@ class AugmentedModel(WrappedModel):
     def channel_weights(self, weights: Mapping[str, float]) -> tuple[float, ...]:
         """Convert a channel's weights of the rig's states to weights of the augmented `states`."""
         by_state = dict(weights)
-        if self.free:
+        if self.is_unrestrained:
             by_state[self._last] = sum(weights.get(name, 0.0) for name in self.rig.angles)
         return tuple(float(by_state.get(name, 0.0)) for name in self.states)
 
     def initial_state(self, start: Mapping[str, float]) -> tuple[float, ...]:
         """Convert the rig's start values, by state, to values of the augmented `states`."""
         by_state = dict(start)
-        if self.free:
+        if self.is_unrestrained:
             last = start.get(self._last, 0.0)
             by_state |= {name: start.get(name, 0.0) - last for name in self._others}
         return tuple(float(by_state.get(name, 0.0)) for name in self.states)
@@ -163,7 +163,7 @@ class AugmentedModel(WrappedModel):
     def to_rig_states(self, states: Array) -> dict[str, Array]:
         """Return the observable states of the rig by name, from augmented `states (..., n)`."""
         by_state = {name: states[..., self.states.index(name)] for name in self.rig_states}
-        if not self.free:
+        if not self.is_unrestrained:
             return by_state
         if not self.observable:
             return {name: x for name, x in by_state.items() if name not in self._others}

@@ -248,32 +248,32 @@ class WrappedModel(Model):
 
 @dataclass(frozen=True, slots=True)
 class ParameterNames:
-    """The descriptor gives the parameters that are `always` there, then those that are `added`.
+    """The descriptor gives the parameters `fixed_names`, then those that are `added`.
 
-    On the class, it gives only those that are `always` there.
+    On the class, it gives only `fixed_names`.
     """
 
-    always: tuple[str, ...]
+    fixed_names: tuple[str, ...]
 
     def __get__(self, rig: Any, kind: type | None = None) -> tuple[str, ...]:
-        return self.always if rig is None else (*self.always, *rig.added)
+        return self.fixed_names if rig is None else (*self.fixed_names, *rig.added)
 
 
 @dataclass(frozen=True, slots=True)
 class StateNames:
-    """The descriptor gives the states that are `always` there, then those of added parameters.
+    """The descriptor gives the states `fixed_names`, then those of added parameters.
 
-    `brought` maps each group of parameters to the states that exist if the whole group is added. On
-    the class, the descriptor gives only the states that are `always` there.
+    `added_states` maps each group of parameters to the states that exist if the whole group is added. On
+    the class, the descriptor gives only `fixed_names`.
     """
 
-    always: tuple[str, ...]
-    brought: Mapping[tuple[str, ...], tuple[str, ...]]
+    fixed_names: tuple[str, ...]
+    added_states: Mapping[tuple[str, ...], tuple[str, ...]]
 
     def __get__(self, rig: Any, kind: type | None = None) -> tuple[str, ...]:
-        groups = self.brought.items() if rig is not None else ()
+        groups = self.added_states.items() if rig is not None else ()
         more = (names for needed, names in groups if {*needed} <= {*rig.added})
-        return (*self.always, *(name for names in more for name in names))
+        return (*self.fixed_names, *(name for names in more for name in names))
 
 
 def with_named(rig: Model, names: Collection[str]) -> Model:

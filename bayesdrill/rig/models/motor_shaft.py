@@ -66,9 +66,9 @@ from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames, StateNames
 
 
-def dry_friction(at: str) -> Offers:
+def dry_friction(location: str) -> Offers:
     """Return the options of dry friction: sliding, and static friction that decays with speed."""
-    sliding, static, fading = f"t_c{at}", f"t_s{at}", f"w_s{at}"
+    sliding, static, fading = f"t_c{location}", f"t_s{location}", f"w_s{location}"
     return {sliding: (), static: (sliding, fading), fading: (sliding, static)}
 
 

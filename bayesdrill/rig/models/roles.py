@@ -26,7 +26,7 @@ GEAR_POWERS: Mapping[str, int] = MappingProxyType(
 class MotionWords:
     """These are the words and units in sentences about a rotary or a linear motion."""
 
-    moves: str
+    verb: str
     torque: str
     newtons: str
     angle: str

@@ -46,11 +46,11 @@ class Saturation:
         """Return the supply divided by its usual value; None if the supply is a parameter."""
         return inputs[self.supply] * (1.0 / self.usual_supply) if self.usual_supply else None
 
-    def reach(self, p: Named) -> Any:
+    def max_voltage(self, p: Named) -> Any:
         """Return the largest voltage at the usual supply, or None without a limit."""
         return (self.usual_supply or p[self.supply]) * p[self.limit] if self.limit else None
 
-    def dead(self, p: Named) -> Any:
+    def dead_band(self, p: Named) -> Any:
         """Return the wanted voltage below which the voltage is zero; None without a dead band."""
         if not self.band:
             return None
@@ -59,7 +59,7 @@ class Saturation:
 
     def is_linear(self, p: Named, wanted: Any) -> Any:
         """Return where a `wanted` voltage is neither saturated nor in the dead band."""
-        inner, reach, dead = size(wanted), self.reach(p), self.dead(p)
+        inner, reach, dead = size(wanted), self.max_voltage(p), self.dead_band(p)
         inner = inner if dead is None else inner - dead
         if reach is None:
             return below(-1.0 if dead is None else 0.0, inner)
@@ -69,7 +69,7 @@ class Saturation:
 
     def voltage(self, p: Named, wanted: Any) -> Any:
         """Return the voltage for a `wanted` voltage, at the usual supply."""
-        reach, dead, most = self.reach(p), self.dead(p), size(wanted)
+        reach, dead, most = self.max_voltage(p), self.dead_band(p), size(wanted)
         if dead is not None:
             most = where(below(most, dead), 0.0, most - dead)
         if reach is not None:

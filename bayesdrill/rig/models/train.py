@@ -160,18 +160,18 @@ def _check_servos(train: Train) -> None:
 class Row:
     """A row describes one parameter of a part: role, letter, unit and meaning for a rotary train.
 
-    `needs` has the roles that the parameter requires; it is None if the part always has the parameter.
-    `after` is the suffix of the parameter's name, after the name of the part.
+    `required` has the roles that the parameter requires, or None if the part always has it.
+    `suffix` ends the parameter's name, after the name of the part.
     """
 
     role: str
     letter: str
     unit: str
     meaning: str
-    needs: tuple[str, ...] | None = None
+    required: tuple[str, ...] | None = None
     held: Literal["positive", "not negative", "any"] = "positive"
     at_most: float = math.inf
-    after: str = ""
+    suffix: str = ""
 
 
 BACKWARD = "_backward"
@@ -186,16 +186,16 @@ RUBBING = (
     Row("fading", "w_s", "rad/s", "speed of lost static friction at", ("sliding", "static")),
     Row("drag", "d", "N*m*s**2/rad**2", "quadratic drag at", (), "not negative"),
     Row("sliding_back", "t_c", "N*m", "backward sliding friction at", ("sliding",), "not negative",
-        after=BACKWARD),
+        suffix=BACKWARD),
     Row("static_back", "t_s", "N*m", "backward static friction at",
-        ("sliding", "static", "fading"), "not negative", after=BACKWARD),
+        ("sliding", "static", "fading"), "not negative", suffix=BACKWARD),
     Row("damping_back", "c", "N*m*s/rad", "backward viscous damping at", ("damping",),
-        "not negative", after=BACKWARD),
+        "not negative", suffix=BACKWARD),
 )  # fmt: skip
 GEAR = (
     Row("efficiency", "eta", "1", "efficiency of", (), at_most=1.0),
     Row("efficiency_back", "eta", "1", "efficiency, while the load drives, of", ("efficiency",),
-        "not negative", at_most=1.0, after=BACKWARD),
+        "not negative", at_most=1.0, suffix=BACKWARD),
 )  # fmt: skip
 PENDULUM = (
     Row("weight", "g", "N*m", "largest torque of gravity at"),
@@ -330,15 +330,15 @@ class Description:
         self, rows: Sequence[Row], part: str, known: Mapping[str, str] = NO_NAMES
     ) -> dict[str, str]:
         """Add the parameters of a part, and return their names by role; `known` has earlier names."""
-        names = {row.role: f"{self._word(row.letter)}_{part}{row.after}" for row in rows}
+        names = {row.role: f"{self._word(row.letter)}_{part}{row.suffix}" for row in rows}
         for row in rows:
-            if row.needs is None:
+            if row.required is None:
                 self.parameters.append(names[row.role])
             else:
                 needs = {**known, **names}
-                self.offers[names[row.role]] = tuple(needs[role] for role in row.needs)
+                self.offers[names[row.role]] = tuple(needs[role] for role in row.required)
             more: dict[str, Any] = {"held": row.held, "at_most": row.at_most}
-            self._add(row.letter, part, row.unit, row.meaning, after=row.after, **more)
+            self._add(row.letter, part, row.unit, row.meaning, after=row.suffix, **more)
         return names
 
     def _inertia(self, name: str) -> InertiaRoles:

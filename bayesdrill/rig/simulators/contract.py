@@ -119,7 +119,7 @@ class Simulator(ABC):
         """Return the channels without noise, `(W, T, K)`."""
 
     @abstractmethod
-    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+    def course(self, full: Array, directions: Array) -> tuple[Array, Array]:
         """Return `signals` and `sensitivities` from one call, for q >= 1 directions."""
 
     @abstractmethod
@@ -147,35 +147,35 @@ class Simulator(ABC):
         """Return sums `(W, K)` of log(1 + weight * residual^2), with `weights (W, K)`."""
         return log_sums(self.sums(full, LOGS, weights[..., None]))
 
-    def intervals(self, full: Array, over: Array, half: Array) -> Array:
+    def intervals(self, full: Array, inverse_sds: Array, half: Array) -> Array:
         """Return sums `(W, K)` of log P(|z - over * residual| < half) for a standard normal z.
 
-        `over (W, K)` is 1 / sd, and `half (W, K)` is half the width of the interval divided by the
+        `inverse_sds (W, K)` is 1 / sd, and `half (W, K)` half the width of the interval divided by the
         sd, at least 0.2.
         """
-        totals = self.sums(full, INTERVALS, np.stack([over, half], axis=-1))
+        totals = self.sums(full, INTERVALS, np.stack([inverse_sds, half], axis=-1))
         return np.asarray(log_sums(totals[..., :3]) + totals[..., 3])
 
-    def sensitivities(self, full: Array, along: Array) -> Array:
-        """Return derivatives `(W, q, T, K)` of signals in q directions `along (W, q, P)`."""
-        return self.course(full, along)[1]
+    def sensitivities(self, full: Array, directions: Array) -> Array:
+        """Return derivatives `(W, q, T, K)` of signals in `directions (W, q, P)`."""
+        return self.course(full, directions)[1]
 
-    def normal(self, full: Array, along: Array, weights: Array) -> tuple[Array, Array, Array]:
+    def normal(self, full: Array, directions: Array, weights: Array) -> tuple[Array, Array, Array]:
         """Return the normal equations of least squares.
 
         They are weighted sums of squared residuals `(W, K)`, of products of residuals and
         sensitivities `(W, q)`, and of products of sensitivities `(W, q, q)`. `weights (W, K, n)`
         are weights of the squares (n = 1), or of the three sums of `neighbours` (n = 3).
         """
-        n, q, _ = along.shape
-        y, observed = self.experiment.y, self.experiment.seen
+        n, q, _ = directions.shape
+        y, observed = self.experiment.y, self.experiment.is_measured
         squares, slopes, products = np.empty((n, y.shape[1])), np.empty((n, q)), np.empty((n, q, q))
         scales, measured = whitening_scales(weights), observed.any(axis=1)
         used = slice(None) if measured.all() else measured
         chunk = max(1, int(MAX_SENSITIVITY_BYTES / (8 * q * max(observed.size, 1))))
         y, observed = y[used], observed[used]
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
-            signals, shown = self.course(full[rows], along[rows])
+            signals, shown = self.course(full[rows], directions[rows])
             missing, shown, here = y - signals[:, used], shown[:, :, used], scales[rows]
             if not observed.all():
                 missing, shown = np.where(observed, missing, 0.0), np.where(observed, shown, 0.0)
@@ -205,7 +205,7 @@ class Simulator(ABC):
         """
         if y.shape != self.experiment.y.shape:
             raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
-        record = frozen(np.where(self.experiment.seen, y, np.nan))
+        record = frozen(np.where(self.experiment.is_measured, y, np.nan))
         return self.of(dataclasses.replace(self.experiment, y=record))
 
 

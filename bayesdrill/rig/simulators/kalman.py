@@ -113,7 +113,7 @@ class KalmanFilter:
 
     @cached_property
     def _shared(self) -> dict[str, Array | NDArray[np.int64]]:
-        observed = np.ascontiguousarray(self.experiment.seen, dtype=np.float64)
+        observed = np.ascontiguousarray(self.experiment.is_measured, dtype=np.float64)
         same = np.zeros(len(observed), np.int64)
         same[1:] = (observed[1:] == observed[:-1]).all(axis=1) & (
             self.steps.node[1:] == self.steps.node[:-1]
@@ -160,7 +160,7 @@ class KalmanFilter:
         """
         filtered = self._run("whiten", [parameters], [sigmas**2], [self._filled(residuals)], 2)
         whitened, variances = filtered[..., 0], filtered[..., 1]
-        whitened[:, ~self.experiment.seen] = np.nan
+        whitened[:, ~self.experiment.is_measured] = np.nan
         return whitened, variances
 
     def slopes(
@@ -192,7 +192,7 @@ class KalmanFilter:
         return drawn[..., : self.system.n], drawn[..., self.system.n :]
 
     def _filled(self, residuals: Array) -> Array:
-        return np.where(self.experiment.seen, residuals, 0.0)
+        return np.where(self.experiment.is_measured, residuals, 0.0)
 
     def _run(
         self,

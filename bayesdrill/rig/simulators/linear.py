@@ -34,7 +34,7 @@ from bayesdrill.rig.simulators.contract import (
     whitening_scales,
 )
 from bayesdrill.rig.simulators.long_record import LongRecord, input_layout, record_blocks
-from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers, beside
+from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers, join_flat
 from bayesdrill.rig.simulators.time_grid import Grid, inputs_at_knots
 
 # Largest number of values in a record whose signals a kernel stores for eight walkers at once.
@@ -57,7 +57,7 @@ class Response(Simulator):
     def record(self) -> Mapping[str, Array] | None:
         """See `Simulator.record`; None unless times are even, and sensors perfect and complete."""
         experiment = self.experiment
-        plain = self.sensing.empty and experiment.uniform and bool(experiment.seen.all())
+        plain = self.sensing.empty and experiment.uniform and bool(experiment.is_measured.all())
         return record_blocks(experiment) if plain else None
 
     def signals(self, full: Array) -> Array:
@@ -68,10 +68,10 @@ class Response(Simulator):
         shape = (1, *self._padded.shape)
         return self._run(full, shape, tally=SQUARES, stored=True)[:, 0, self._samples]
 
-    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
-        """Return signals `(W, T, K)` and their slopes `(W, q, T, K)` in the directions `along`."""
-        shape = (1 + along.shape[1], *self._padded.shape)
-        planes = self._run(full, shape, along=along, stored=True)[:, :, self._samples]
+    def course(self, full: Array, directions: Array) -> tuple[Array, Array]:
+        """Return signals `(W, T, K)` and their slopes `(W, q, T, K)` in the directions `directions`."""
+        shape = (1 + directions.shape[1], *self._padded.shape)
+        planes = self._run(full, shape, directions=directions, stored=True)[:, :, self._samples]
         return planes[:, 0], planes[:, 1:]
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
@@ -79,14 +79,14 @@ class Response(Simulator):
         shape = (self._padded.shape[1], tally.count)
         return self._run(full, shape, tally=tally, weights=weights)
 
-    def normal(self, full: Array, along: Array, weights: Array) -> tuple[Array, Array, Array]:
+    def normal(self, full: Array, directions: Array, weights: Array) -> tuple[Array, Array, Array]:
         """See `Simulator.normal`; q is at least 1."""
-        q, k = along.shape[1], self._padded.shape[1]
+        q, k = directions.shape[1], self._padded.shape[1]
         scales = whitening_scales(weights)
         if scales.shape[2] == 1:  # white noise: the previous sample has no weight
             scales = scales * np.array([1.0, 0.0, 1.0])
         flat = scales.swapaxes(1, 2).reshape(len(scales), -1)
-        rows = self._run(full, (k + (1 + q) ** 2,), along=along, weights=flat)
+        rows = self._run(full, (k + (1 + q) ** 2,), directions=directions, weights=flat)
         products = rows[:, k:].reshape(-1, 1 + q, 1 + q)
         lower = np.tril(products[:, 1:, 1:])
         return rows[:, :k], -products[:, 1:, 0], lower + np.tril(lower, -1).swapaxes(1, 2)
@@ -101,20 +101,20 @@ class Response(Simulator):
     def _padded(self) -> Array:
         """Return the record at all knots, up to a whole number of joined steps; NaN without a sample."""
         g, y = self._grid, np.asarray(self.sensors.padded)
-        joined = self._structure.joined
+        joined = self._structure.samples_per_step
         padded = np.full((-(-(len(g.t) - 1) // joined) * joined, y.shape[1]), np.nan)
-        padded[g.at] = y
+        padded[g.samples] = y
         return padded
 
     @cached_property
     def _samples(self) -> Any:
         """Return the indices of samples among knots; a slice if possible, since slices copy faster."""
-        at = self._grid.at[1:] if self.sensors.lead else self._grid.at
+        at = self._grid.samples[1:] if self.sensors.lead else self._grid.samples
         in_a_row = len(at) == 0 or len(at) == at[-1] - at[0] + 1
         return slice(at[0], at[-1] + 1) if in_a_row else at
 
     @cached_property
-    def _late(self) -> tuple[bool, ...]:
+    def _is_delayed(self) -> tuple[bool, ...]:
         """Return for each channel whether it has a delay."""
         lags, delayed = self.sensing.lags, self.sensing.delay is not None
         return tuple(delayed or channel.name in lags for channel in self.experiment.channels)
@@ -125,7 +125,7 @@ class Response(Simulator):
         return LinearShape(
             layout=input_layout(self.sensors.observed_model, self.experiment),
             rows=tuple(map(tuple, (self.sensors.weights != 0.0).tolist())),
-            late=self._late,
+            is_delayed=self._is_delayed,
             uneven=not self._grid.uniform,
             tally=SQUARES,
             sensed=False,
@@ -162,9 +162,9 @@ class Response(Simulator):
     def _shared(self) -> dict[str, Array]:
         """Return blocks that all walkers share: constants, nodes of the grid, and the record."""
         g, constants = self._grid, present(self.experiment.constant).values()
-        numbers = np.array([g.width or g.usual, *constants])
+        numbers = np.array([g.width or g.median_step, *constants])
         record = {"y": self._padded, "begin": first_observed(self._padded)}
-        return {"numbers": numbers, "spans": g.spans, "chained": g.chained, **record}
+        return {"numbers": numbers, "spans": g.spans, "chained": g.is_chained, **record}
 
     def _knots(self, ahead: int) -> dict[str, Array]:
         """Return all blocks that walkers share, with `ahead` further knots after the record."""
@@ -178,7 +178,7 @@ class Response(Simulator):
         node = np.append(g.node[:-1], np.full(more + 1, self._median_node))
         return self._shared | {
             "node": node.astype(np.int64),
-            "share": np.append(g.share, np.full(more, -1.0)),
+            "share": np.append(g.excess, np.full(more, -1.0)),
             "t": np.concatenate([g.t[:-1], later, [np.inf]]),
             "u": np.ascontiguousarray(u),
         }
@@ -186,7 +186,7 @@ class Response(Simulator):
     @cached_property
     def _median_node(self) -> int:
         """Return the index of the node whose span is nearest to the median step."""
-        return int(np.argmin(np.abs(self._grid.spans - self._grid.usual)))
+        return int(np.argmin(np.abs(self._grid.spans - self._grid.median_step)))
 
     @property
     def _median_step(self) -> float:
@@ -196,10 +196,10 @@ class Response(Simulator):
     def _high(self) -> int:
         """Return the number of rungs >= `width` in `kernels.transitions`; -1 if nothing needs rungs."""
         g = self._grid
-        if not any(self._late):
+        if not any(self._is_delayed):
             return 0 if g.width > 0.0 else -1
         longest = float(np.diff(g.t[:-1]).max(initial=0.0))
-        return int(longest / (g.width or g.usual)).bit_length()
+        return int(longest / (g.width or g.median_step)).bit_length()
 
     # Arguments of the kernel that depend on walkers.
 
@@ -231,31 +231,31 @@ class Response(Simulator):
             delay = linear_map(lambda part: np.where(lost, 0.0, part), delay)
             ahead = int(-dual(delay).value.min(initial=0.0) / step)
             parts = (walkers.parameters, walkers.start, rows, walkers.before, delay)
-            return [beside(*parts)], 1 << (ahead + 1).bit_length() if ahead else 1
+            return [join_flat(*parts)], 1 << (ahead + 1).bit_length() if ahead else 1
 
     def _run(
         self,
         full: Array,
         out: tuple[int, ...],
         *,
-        along: Array | None = None,
+        directions: Array | None = None,
         tally: ResidualSums | None = None,
         weights: Array | None = None,
         stored: bool = False,
     ) -> Array:
-        """Return `(W, *out)`: sums of a `tally`, normal equations in directions `along`, or signals."""
+        """Return `(W, *out)`: sums of a `tally`, normal equations in `directions`, or signals."""
         blocks, q = dict[str, Array](), 0
         walkers: Array | Dual = full
-        if along is not None:
-            n, q, p = along.shape
+        if directions is not None:
+            n, q, p = directions.shape
             # With perfect sensors, `along` itself has the derivatives, and no value is repeated.
             times = q if self._perfect is None else 1
-            walkers = Dual(full.repeat(times, axis=0), along.reshape(n * q, p))
+            walkers = Dual(full.repeat(times, axis=0), directions.reshape(n * q, p))
         (numbers, *others), ahead = self._walkers(walkers)
-        if along is not None:
+        if directions is not None:
             blocks["along"] = in_groups(numbers.slope.reshape(len(full), -1))
             numbers = numbers.value[::times]  # the values are the same in all directions
-        if weights is None and along is not None:  # signals need no weights
+        if weights is None and directions is not None:  # signals need no weights
             weights = np.zeros((1, SCALES * self._padded.shape[1]))
         others += [] if weights is None else [weights]
         bound, size = self._bind(tally, q, ahead, stored=stored)

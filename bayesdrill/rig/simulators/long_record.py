@@ -30,13 +30,13 @@ STRETCHES = 1024  # number of segments of a part that are stepped simultaneously
 class LongRecord:
     """A long record has evenly spaced knots, and a rig with `sensors`.
 
-    `count` knots are `step` [s] apart. `at (n,)` has the knots that are samples; None if all are.
+    `n_knots` knots are `step` [s] apart. `sample_knots (n,)` are samples; None if all are.
     """
 
     sensors: SensorParameters
     step: float
-    count: int
-    at: Whole | None = None
+    n_knots: int
+    sample_knots: Whole | None = None
 
     @property
     def layout(self) -> Layout:
@@ -50,15 +50,15 @@ class LongRecord:
 
     def inputs(self, first: int, last: int) -> Array:
         """Return the sampled inputs at knots `first` to `last`, `(last - first, S)`."""
-        knots = np.minimum(np.arange(first, last), self.count - 1)
+        knots = np.minimum(np.arange(first, last), self.n_knots - 1)
         columns = []
         for u in self.sensors.knots[1].values():
-            if self.at is None:
+            if self.sample_knots is None:
                 columns.append(u[knots])
             elif self.sensors.experiment.first_order:
-                columns.append(np.interp(knots, self.at, u))
+                columns.append(np.interp(knots, self.sample_knots, u))
             else:
-                columns.append(u[np.searchsorted(self.at, knots, side="right") - 1])
+                columns.append(u[np.searchsorted(self.sample_knots, knots, side="right") - 1])
         return np.array(columns).reshape(len(columns), len(knots)).T
 
     def responses(self, full: Array, kind: type = Long) -> Iterator[tuple[Array, LongArray]]:
@@ -76,8 +76,8 @@ class LongRecord:
         fall, columns = step[:x, :x], step[:x, x:].T
         rows = numbers[p + x :].reshape(-1, x + 1).astype(kind)
         state = numbers[p : p + x].astype(kind)
-        for first in range(0, self.count, PART):
-            inputs = self.inputs(first, min(first + PART, self.count) + 1)
+        for first in range(0, self.n_knots, PART):
+            inputs = self.inputs(first, min(first + PART, self.n_knots) + 1)
             u: LongArray = inputs.astype(kind)
             drive = columns[0] + u[:-1] @ columns[1 : 1 + series]
             if layout.first_order:
@@ -105,9 +105,9 @@ class LongRecord:
     def _at_knots(self) -> Array:
         """Return the record at all knots `(T, K)`."""
         y = self.sensors.padded
-        if self.at is not None:
-            y = np.full((self.count, y.shape[1]), np.nan)
-            y[self.at] = self.sensors.padded
+        if self.sample_knots is not None:
+            y = np.full((self.n_knots, y.shape[1]), np.nan)
+            y[self.sample_knots] = self.sensors.padded
         return y
 
     def signals(self, full: Array) -> Array:

@@ -76,7 +76,7 @@ class ObservationModel:
         """Return whether channels may be delayed relative to the inputs."""
         return bool(self.lags) or self.delay is not None
 
-    def moves(self, start: Mapping[str, float], angles: Collection[str]) -> bool:
+    def may_move(self, start: Mapping[str, float], angles: Collection[str]) -> bool:
         """Return whether a rig with this `start` may turn, or carry a current, before the record.
 
         `angles` are the names of its states that are angles, or positions.
@@ -233,9 +233,9 @@ class SensorParameters:
         return tuple(self.experiment.series)
 
     @cached_property
-    def moves(self) -> bool:
+    def may_move(self) -> bool:
         """Return whether the rig may turn, or carry a current, before the first sample."""
-        return self.sensing.moves(self.experiment.start, self.model.angles)
+        return self.sensing.may_move(self.experiment.start, self.model.angles)
 
     @cached_property
     def first_inputs(self) -> Array:
@@ -372,7 +372,7 @@ class ObservedWalkers:
     @cached_property
     def before(self) -> Any:
         """Return the rates of states `(W, X)`, with which they change linearly before the start."""
-        if not self.sensors.moves:
+        if not self.sensors.may_move:
             return linear_map(np.zeros_like, self.start)
         moved = self.system[0] * linear_map(lambda part: part[:, None, :], self.start)
         return linear_map(lambda part: part.sum(axis=2), moved) + self._drive
@@ -386,7 +386,7 @@ class ObservedWalkers:
     def numbers(self) -> Any:
         """Return parameters, start and rows side by side, `(W, P' + X + K (X + 1))`."""
         with np.errstate(all="ignore"):
-            return beside(self.parameters, self.start, self.rows)
+            return join_flat(self.parameters, self.start, self.rows)
 
 
 def _mapped(linear: Linear, part: Callable[[Any], Any]) -> Linear:
@@ -406,7 +406,7 @@ def _slope(entry: Any) -> Any:
     return dual(entry).slope
 
 
-def beside(*parts: Any) -> Any:
+def join_flat(*parts: Any) -> Any:
     """Flatten arrays `(W, ...)` and join them to one `(W, n)`, with any derivatives."""
 
     def joined(*arrays: Array) -> Array:

@@ -69,12 +69,12 @@ class Stepped(Simulator):
         with np.errstate(all="ignore"):
             return self._run(self._grid, full, tally=tally, weights=weights)
 
-    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+    def course(self, full: Array, directions: Array) -> tuple[Array, Array]:
         """See `Simulator.course`."""
-        n, q, p = along.shape
+        n, q, p = directions.shape
         points = np.repeat(full, q, axis=0)
         with np.errstate(all="ignore"):
-            duals = self._run(self._grid, points, along.reshape(n * q, p))
+            duals = self._run(self._grid, points, directions.reshape(n * q, p))
         duals = self.sensors.drop_start(duals).reshape(n, q, *self.experiment.y.shape, 2)
         return duals[:, 0, ..., 0], duals[..., 1]
 
@@ -83,7 +83,7 @@ class Stepped(Simulator):
         with np.errstate(all="ignore"):
             nodes = self._run(self._nodes, full, efforts=True)
         states, efforts = np.split(nodes, [len(self.model.states)], axis=2)
-        last, share = self._grid.between(self.experiment.t)
+        last, share = self._grid.locate(self.experiment.t)
         share = share[None, :, None]
         states = states[:, last] * (1 - share) + states[:, last + 1] * share
         return Motion(states=states, efforts=efforts[:, last])
@@ -121,7 +121,7 @@ class Stepped(Simulator):
             shape = SteppedShape(
                 model=w.observed_model,
                 series=w.inputs,
-                late=tuple(n for n in w.inputs if n in self.sensing.input_lags),
+                delayed_series=tuple(n for n in w.inputs if n in self.sensing.input_lags),
                 constant=tuple(present(experiment.constant)),
                 first_order=experiment.first_order and bool(w.inputs),
                 pattern=tuple(map(tuple, (rows != 0).tolist())),
@@ -141,26 +141,26 @@ class Stepped(Simulator):
         self,
         ahead: UniformGrid,
         full: Array,
-        along: Array | None = None,
+        directions: Array | None = None,
         *,
         tally: ResidualSums | None = None,
         weights: Array | None = None,
         efforts: bool = False,
     ) -> Array:
         """Return sums `(W, K, n)`, signals `(W, T, K)`, or signals with derivatives `(W, T, K, 2)`."""
-        parts = self._parts(full, along)
+        parts = self._parts(full, directions)
         if weights is not None:
             parts["weight"] = [weights]
         if efforts:
             parts["rows"] = [_unit_rows(self.model)]
         read = not efforts and (self.sensing.shifts or not ahead.aligned)
-        dual = along is not None
+        dual = directions is not None
         stored = tally is None and not dual and not efforts  # by the kernel that adds up squares
         wanted = SQUARES if stored else tally
         shape, names, function = self._bind(ahead, wanted, efforts=efforts, dual=dual, read=read)
         after = ahead.steps_after(parts["shift"][0]) if read else 0
         margin = 0
-        if shape.late:
+        if shape.delayed_series:
             behind, *shares = ahead.delays(parts["lag"])
             parts |= {"share": shares, "behind": [behind] * len(shares)}
             margin = ahead.margin(parts["lag"][0])
@@ -174,15 +174,17 @@ class Stepped(Simulator):
         )  # fmt: skip
         return result if tally or dual else result[..., 0]
 
-    def _parts(self, full: Array, along: Array | None) -> dict[str, list[Array]]:
-        """Return the parts of the block `own` by name, each followed by its derivatives along `along`.
+    def _parts(self, full: Array, directions: Array | None) -> dict[str, list[Array]]:
+        """Return the parts of the block `own` by name, each followed by its slopes in `directions`.
 
         Each part is `(W, ...)`, or `(1, ...)` if all walkers share it.
         """
-        walkers = ObservedWalkers(self.sensors, full if along is None else Dual(full, along))
+        walkers = ObservedWalkers(
+            self.sensors, full if directions is None else Dual(full, directions)
+        )
         known = self._shared_parts or self._walker_parts(walkers)
         parts = {"parameters": walkers.parameters, **known}
-        if along is None:
+        if directions is None:
             return {name: [part] for name, part in parts.items()}
         return {
             name: [part.value, part.slope]

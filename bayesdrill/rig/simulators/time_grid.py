@@ -31,21 +31,21 @@ LONG_STEP = 2.0  # in median steps: a grid with cells divides longer steps into 
 class Grid:
     """The knots of a grid are the samples, and further knots within long steps.
 
-    `t (T + 1,)` are the times since the first knot, then infinity; `at (n,)` are the indices of
-    samples among knots. Step j has the length `spans[node[j]]`, plus `share[j] * width` unless
-    `share[j]` is -1. `chained[k]` is 1 if `spans[k]` is `spans[k - 1] + width`. `usual` is the median
-    step. Times that differ by less than `near` are equal. `uniform` says that all steps are equal.
+    `t (T + 1,)` are the times since the first knot, then infinity; `samples (n,)` are the indices of
+    samples among knots. Step j has the length `spans[node[j]]`, plus `excess[j] * width` unless
+    `excess[j]` is -1. `is_chained[k]` is 1 if `spans[k]` is `spans[k - 1] + width`. Times that differ by
+    less than `tolerance` are equal. `uniform` says that all steps are equal.
     """
 
     t: Array
-    at: Whole
+    samples: Whole
     node: Whole
-    share: Array
+    excess: Array
     spans: Array
-    chained: Whole
+    is_chained: Whole
     width: float
-    usual: float
-    near: float
+    median_step: float
+    tolerance: float
     uniform: bool
 
 
@@ -53,29 +53,31 @@ def build_grid(times: Array) -> Grid:
     """Build the grid of samples at increasing `times (n,)`, in s."""
     t = times - times[0]
     if len(t) == 1:
-        return _made(t, np.zeros(1, np.int64), np.zeros(0, np.int64), np.ones(1), 1.0, 0.0)
+        return _grid(t, np.zeros(1, np.int64), np.zeros(0, np.int64), np.ones(1), 1.0, 0.0)
     steps = np.diff(t)
     median = float(np.median(steps))
-    near = CLOCK_ROUNDING * float(np.abs(times).max()) + STEP_TOLERANCE * median
+    tolerance = CLOCK_ROUNDING * float(np.abs(times).max()) + STEP_TOLERANCE * median
     if t[-1] < MAX_FILL_RATIO * len(t) * steps.min():
         at = np.concatenate([[0], np.cumsum(np.round(steps / steps.min()).astype(np.int64))])
         step = float(t[-1] / at[-1])
-        if np.abs(t - step * at).max() <= near:
+        if np.abs(t - step * at).max() <= tolerance:
             filled = step * np.arange(at[-1] + 1)
             filled[at] = t
-            return _made(filled, at, np.zeros(at[-1], np.int64), np.array([step]), median, near)
-    cluster, spans = _merged(steps, near)
+            return _grid(
+                filled, at, np.zeros(at[-1], np.int64), np.array([step]), median, tolerance
+            )
+    cluster, spans = _merged(steps, tolerance)
     at = np.arange(len(t))
     if len(spans) <= min(MIN_DISTINCT_STEPS + len(t) // SAMPLES_PER_STEP, CELLS[1]):
-        return _made(t, at, cluster, spans, median, near)
+        return _grid(t, at, cluster, spans, median, tolerance)
     t, at, pieces = _in_pieces(t, steps, median)
-    return _in_cells(t, at, pieces, median, near)
+    return _in_cells(t, at, pieces, median, tolerance)
 
 
-def _merged(steps: Array, near: float) -> tuple[Whole, Array]:
+def _merged(steps: Array, tolerance: float) -> tuple[Whole, Array]:
     """Return the index of each step's cluster of nearly equal steps, and the clusters' means."""
     order = np.argsort(steps, kind="stable")
-    edges = np.diff(steps[order]) > near
+    edges = np.diff(steps[order]) > tolerance
     cluster = np.concatenate([[0], np.cumsum(edges)])
     cluster_of_step = np.empty(len(steps), np.int64)
     cluster_of_step[order] = cluster
@@ -83,13 +85,13 @@ def _merged(steps: Array, near: float) -> tuple[Whole, Array]:
     return cluster_of_step, np.bincount(cluster_of_step, weights=steps) / sizes
 
 
-def _made(t: Array, at: Whole, node: Whole, spans: Array, median: float, near: float) -> Grid:
+def _grid(t: Array, at: Whole, node: Whole, spans: Array, median: float, tolerance: float) -> Grid:
     """Return a grid whose step j has the length `spans[node[j]]`; no step follows the last knot."""
     uniform = len(t) > 1 and len(spans) == 1
     return Grid(
-        t=np.append(t, np.inf), at=at, node=np.append(node, 0), share=np.full(len(t), -1.0),
-        spans=spans, chained=np.zeros(len(spans), np.int64), width=0.0, usual=median,
-        near=near, uniform=uniform,
+        t=np.append(t, np.inf), samples=at, node=np.append(node, 0), excess=np.full(len(t), -1.0),
+        spans=spans, is_chained=np.zeros(len(spans), np.int64), width=0.0, median_step=median,
+        tolerance=tolerance, uniform=uniform,
     )  # fmt: skip
 
 
@@ -116,7 +118,7 @@ def _in_pieces(t: Array, steps: Array, median: float) -> tuple[Array, Whole, Who
     return knots, at, pieces
 
 
-def _in_cells(t: Array, at: Whole, pieces: Whole, median: float, near: float) -> Grid:
+def _in_cells(t: Array, at: Whole, pieces: Whole, median: float, tolerance: float) -> Grid:
     """Return the grid with the narrowest cells of acceptable cost; pieces have their own nodes."""
     steps, free = np.diff(t), pieces == 0
     most = int(np.clip(len(t) // SAMPLES_PER_CELL, *CELLS))
@@ -131,9 +133,9 @@ def _in_cells(t: Array, at: Whole, pieces: Whole, median: float, near: float) ->
     node[~free] = len(cells) + np.searchsorted(sizes, pieces[~free])
     none = np.zeros(len(sizes))
     return replace(
-        _made(t, at, node, np.concatenate([cells * width, sizes * median]), median, near),
-        share=share, width=width, uniform=False,
-        chained=np.concatenate([[0], np.diff(cells) == 1, none]).astype(np.int64),
+        _grid(t, at, node, np.concatenate([cells * width, sizes * median]), median, tolerance),
+        excess=share, width=width, uniform=False,
+        is_chained=np.concatenate([[0], np.diff(cells) == 1, none]).astype(np.int64),
     )  # fmt: skip
 
 
@@ -151,13 +153,13 @@ def inputs_at_knots(
     g: Grid, series: Mapping[str, Array], *, first_order: bool
 ) -> tuple[Array, Array]:
     """Return sampled inputs `(T, S)` at all knots, and their slopes in the steps that follow."""
-    inputs = np.array([*series.values()]).reshape(len(series), len(g.at)).T
+    inputs = np.array([*series.values()]).reshape(len(series), len(g.samples)).T
     n_knots = len(g.t) - 1
-    before = np.searchsorted(g.at, np.arange(n_knots), side="right") - 1
-    since = (g.t[:-1] - g.t[g.at][before])[:, None]
+    before = np.searchsorted(g.samples, np.arange(n_knots), side="right") - 1
+    since = (g.t[:-1] - g.t[g.samples][before])[:, None]
     slopes = np.zeros_like(inputs)
     if first_order:
-        slopes[:-1] = np.diff(inputs, axis=0) / np.diff(g.t[g.at])[:, None]
+        slopes[:-1] = np.diff(inputs, axis=0) / np.diff(g.t[g.samples])[:, None]
     slopes = slopes[before]
     return inputs[before] + slopes * since, slopes
 
@@ -186,10 +188,10 @@ class UniformGrid:
         self._series = [np.asarray(u, dtype=float) for u in series.values()]
         g = build_grid(t)
         self.aligned = g.uniform or len(t) == 1
-        whole = float(g.spans[0]) if g.uniform else g.usual
+        whole = float(g.spans[0]) if g.uniform else g.median_step
         self.span = whole / pieces
         if self.aligned:
-            at = g.at * pieces
+            at = g.samples * pieces
             self.counts: Whole = np.append(np.diff(at), 1).astype(np.int64)
             self.nodes = int(at[-1]) + 1
             self.places: Array = at.astype(float)
@@ -211,7 +213,7 @@ class UniformGrid:
         """Return 1 for each sample that is `pieces` > 1 steps before the next one, else 0: `(T,)`."""
         return np.asarray((self.counts == self._substeps) & (self.counts > 1)).astype(np.int64)
 
-    def between(self, t: Array) -> tuple[Whole, Array]:
+    def locate(self, t: Array) -> tuple[Whole, Array]:
         """Return the node before each time, and the fraction of a step from this node to the time."""
         places = (t - self._t[0]) / self.span
         near = np.round(places)

@@ -28,28 +28,28 @@ type AskTell[T] = Generator[Array, Array, T]
 
 @dataclass(slots=True)
 class SimplexRun:
-    """A simplex run evaluates at most `most` points `place(x)`, where `x (D,)` is scaled.
+    """A simplex run evaluates at most `max_evaluations` points `to_point(x)`, where `x (D,)` is scaled.
 
-    `first` is the value at the start, and `lowest` the lowest value so far, at `x`.  `stopped`
-    tells whether the tolerances were met.
+    `start_value` is the value at the start, and `lowest` the lowest value so far, at `x`.  The
+    tolerances were met if `is_converged`.
     """
 
-    most: int
+    max_evaluations: int
     x: Array
-    place: Callable[[Array], Array]
-    first: float = math.inf
+    to_point: Callable[[Array], Array]
+    start_value: float = math.inf
     lowest: float = math.inf
     evaluations: int = 0
-    stopped: bool = False
+    is_converged: bool = False
 
     def ask(self, points: Array) -> AskTell[Array]:
-        """Ask for the values at `points (n, D)` and return them, or inf if `most` is exceeded."""
+        """Ask for the values at `points (n, D)` and return them; inf beyond `max_evaluations`."""
         values = np.full(len(points), np.inf)
-        asked = points[: self.most - self.evaluations]
+        asked = points[: self.max_evaluations - self.evaluations]
         if len(asked):
-            values[: len(asked)] = yield np.array([self.place(x) for x in asked])
+            values[: len(asked)] = yield np.array([self.to_point(x) for x in asked])
         if self.evaluations == 0:
-            self.first = float(values[0])
+            self.start_value = float(values[0])
         self.evaluations += len(asked)
         best = int(np.argmin(values))
         if values[best] < self.lowest:
@@ -59,27 +59,27 @@ class SimplexRun:
 
 def nelder_mead(
     simplex: Array,
-    most: int,
+    max_evaluations: int,
     x_tolerance: float,
     tolerance: float,
-    place: Callable[[Array], Array],
+    to_point: Callable[[Array], Array],
 ) -> AskTell[SimplexRun]:
     """Minimise from `simplex (D + 1, D)` until its size and range of values are within tolerances.
 
     The evaluated points are those of `scipy.optimize.minimize`: Nelder and Mead (1965), with the
     coefficients of Gao and Han (2012) for more than two unknowns.
     """
-    run, n = SimplexRun(most, simplex[0], place), simplex.shape[1]
+    run, n = SimplexRun(max_evaluations, simplex[0], to_point), simplex.shape[1]
     adapted = (1 + 2 / n, 0.75 - 1 / (2 * n), 1 - 1 / n)
     expansion, contraction, shrinkage = adapted if n > 2 else (2.0, 0.5, 0.5)
     values = yield from run.ask(simplex)
     order = np.argsort(values)
     simplex, values = simplex[order], values[order]
-    while run.evaluations < most:
+    while run.evaluations < max_evaluations:
         with np.errstate(invalid="ignore"):  # all values of a simplex may be infinite
             height = np.abs(values[0] - values[1:]).max()
         if np.abs(simplex[1:] - simplex[0]).max() <= x_tolerance and height <= tolerance:
-            run.stopped = True
+            run.is_converged = True
             break
         centre, worst = np.add.reduce(simplex[:-1], 0) / n, simplex[-1]
         point = 2 * centre - worst
@@ -163,9 +163,9 @@ def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTel
     while not done and spent < evaluations:
         root = _steps(task, physical(z[None])[0], far=gain > FAR_GAIN)
         most = min(evaluations - spent, 400 * len(z))
-        run = yield from nelder_mead(corners, most, 1e-2, 0.1 * enough, partial(_place, z, root))
+        run = yield from nelder_mead(corners, most, 1e-2, 0.1 * enough, partial(_to_point, z, root))
         spent += run.evaluations
-        gain = run.first - run.lowest
+        gain = run.start_value - run.lowest
         if gain > 0:
             z = z + root @ run.x
         done = gain < enough
@@ -173,11 +173,11 @@ def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTel
         theta=physical(z[None])[0],
         value=-run.lowest,
         evaluations=spent,
-        settled=done and run.stopped,
+        settled=done and run.is_converged,
     )
 
 
-def _place(z: Array, root: Array, x: Array) -> Array:
+def _to_point(z: Array, root: Array, x: Array) -> Array:
     """Return z + root x for `z (D,)`, `root (D, D)` and the coordinates `x (D,)` of the simplex."""
     return np.asarray(z + root @ x)
 

@@ -80,7 +80,7 @@ class LearnedProposal:
     origin: tuple[int, ...]
     missed: float = 0.0
 
-    def shares(self, u: Array, n_maxima: int) -> Array:
+    def mode_fractions(self, u: Array, n_maxima: int) -> Array:
         """Return the fraction of draws `u (N, D)` at each maximum: `(n_maxima,)`, sum 1."""
         equal = np.full(len(u), 1.0 / len(u))
         component_shares = responsibilities(self.proposal.mixture, u, equal)[1].sum(axis=1)
@@ -174,12 +174,12 @@ def _best_mixture(
         first = len(rounds) == 1
         start = _several_components(narrow, u, weights, random) if first else narrow
         iterations = EM_ROUNDS[0 if first else 1]
-        narrow = independence.fit_mixture(start, u, weights, surface.inside, iterations, random)
+        narrow = independence.fit_mixture(start, u, weights, surface.in_support, iterations, random)
         mixture = _with_tails(narrow, u, weights)
-    return _best(rounds)
+    return _most_efficient(rounds)
 
 
-def _best(rounds: Sequence[_Round]) -> _Round:
+def _most_efficient(rounds: Sequence[_Round]) -> _Round:
     """Return the most efficient round after comparisons with the last, which reaches furthest."""
     *candidates, last = rounds
     while candidates:
@@ -265,7 +265,7 @@ class _Round:
             if sheet.frame.tight.shape[1] == 0:
                 continue  # a sheet without tight directions has no ridge
             sheet_shares = shares[mixture.sheet == s].sum(axis=0)
-            beyond += float(sheet_shares @ ~sheet.within(y[s, :, : sheet.n_loose]))
+            beyond += float(sheet_shares @ ~sheet.is_covered(y[s, :, : sheet.n_loose]))
         return beyond
 
     @property
@@ -287,8 +287,8 @@ def _draw(mixture: Mixture, origin: tuple[int, ...], surface: LogDensity, random
     """Draw from `mixture` and a wider one; weight by the density of both (the balance heuristic)."""
     wide = mixture.with_width(WIDE_FACTOR)
     times = max(1, len(mixture.sheets) // RIDGES_PER_BATCH)
-    narrow_draws, n_narrow = _inside(mixture, times * DRAWS_PER_ROUND, surface, random)
-    wide_draws, n_wide = _inside(wide, times * WIDE_DRAWS, surface, random)
+    narrow_draws, n_narrow = _draws_in_support(mixture, times * DRAWS_PER_ROUND, surface, random)
+    wide_draws, n_wide = _draws_in_support(wide, times * WIDE_DRAWS, surface, random)
     u = np.concatenate([narrow_draws, wide_draws])
     log_every, log_q = _densities(mixture, (n_narrow, n_wide), u)
     log_w = surface.value(u) - log_q
@@ -311,15 +311,17 @@ def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Arr
     return np.logaddexp(np.log(counts[0]) + log_q, np.log(counts[1]) + log_wide), log_q
 
 
-def _inside(mixture: Mixture, n: int, surface: LogDensity, random: Random) -> tuple[Array, int]:
+def _draws_in_support(
+    mixture: Mixture, n: int, surface: LogDensity, random: Random
+) -> tuple[Array, int]:
     """Return about `n` draws inside the prior, `(N, D)`, and the number of all draws made for them."""
     first = mixture.draw(n, random).u
-    inside = first[surface.inside(first)]
+    inside = first[surface.in_support(first)]
     more = n * (n - len(inside)) // max(len(inside), n // MAX_TRIES_PER_DRAW)
     if more == 0:
         return inside, n
     more_draws = mixture.draw(more, random).u
-    return np.concatenate([inside, more_draws[surface.inside(more_draws)]]), n + more
+    return np.concatenate([inside, more_draws[surface.in_support(more_draws)]]), n + more
 
 
 def _initial_mixture(traced: Sequence[TracedRidge]) -> Mixture:
@@ -328,7 +330,7 @@ def _initial_mixture(traced: Sequence[TracedRidge]) -> Mixture:
     for part in traced:
         tight = part.ridge.frame.tight.shape[1]
         means.append(np.append(part.psi, np.zeros(tight)))
-        roots.append(scipy.linalg.block_diag(part.spread, INITIAL_TIGHT_SDS * np.eye(tight)))
+        roots.append(scipy.linalg.block_diag(part.psi_root, INITIAL_TIGHT_SDS * np.eye(tight)))
     ridges, equal = [part.ridge for part in traced], np.full(len(traced), 1.0 / len(traced))
     return independence.mixture(ridges, range(len(traced)), equal, means, roots)
 

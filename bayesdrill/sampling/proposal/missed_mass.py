@@ -47,7 +47,7 @@ def missed_mass(
         return 0.0
     missed = 0.0
     for k, n in enumerate(ROUNDS):
-        draws, shares = _drawn(surface, _wide(selected, *weighted_draws), n, random)
+        draws, shares = _ridge_draws(surface, _wide(selected, *weighted_draws), n, random)
         if len(draws.u) == 0:
             return 0.0
         ratio = surface.value(draws.u) - proposal.mixture.log_density(draws.u)
@@ -71,16 +71,16 @@ def _wide(sheets: Sequence[RidgeMap], u: Array, weights: Array) -> Mixture:
     return independence.mixture(sheets, range(len(sheets)), weights.sum(axis=1), means, roots)
 
 
-def _drawn(
+def _ridge_draws(
     surface: LogDensity, mixture: Mixture, n: int, random: Random
 ) -> tuple[WeightedDraws, Array]:
     """Draw about `n` points of nonzero density along Newton ridges; return `Mixture.shares` too."""
     ridges = tuple(newton_ridge(sheet, surface.approximate_model) for sheet in mixture.sheets)
     mixture = replace(mixture, sheets=ridges)
-    share_inside = surface.inside(mixture.draw(n, random).u).mean()
+    share_inside = surface.in_support(mixture.draw(n, random).u).mean()
     drawn = mixture.draw(int(n / max(float(share_inside), 1.0 / MAX_TRIES_PER_DRAW)), random)
     value = surface.value(drawn.u)
     good = np.isfinite(value)
     valid = drawn.select(good)
-    shares, log_q = mixture.shares(*mixture.coordinates(valid))
+    shares, log_q = mixture.component_fractions(*mixture.coordinates(valid))
     return WeightedDraws(valid.u, value[good] - log_q, np.zeros(len(log_q))), shares

@@ -136,13 +136,13 @@ USELESS_ERROR = 5.0  # error in standard deviations, above which a shorter lengt
 class TracedRidge:
     """A traced ridge has an `error` at held-out points, in standard deviations.
 
-    `psi (l,)` and `spread (l, l)` are the initial mean and covariance root of the loose directions.
+    `psi (l,)` and `psi_root (l, l)` are the initial mean and covariance root of the loose directions.
     """
 
     ridge: RidgeMap
     error: float
     psi: Array
-    spread: Array
+    psi_root: Array
 
 
 def trace(
@@ -284,7 +284,7 @@ def _within_priors(surface: LogDensity, fitted: RidgeMap, psi: Array, stage: flo
     n, scale = len(psi) // 4, np.ones(len(psi))
     for _ in range(12):
         points = min(stage, PRIOR_MARGIN) * scale[:, None] * psi
-        outside = ~surface.inside(fitted.frame.join(points, fitted.at(points)))
+        outside = ~surface.in_support(fitted.frame.join(points, fitted.at(points)))
         if not outside.any():
             break
         scale[outside] *= 0.85
@@ -376,7 +376,7 @@ def _best_fit(
     held_out = np.arange(len(psi)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     fitting = psi[~held_out], tau[~held_out], roots[~held_out]
     # Held-out points outside the ball of the fit are ignored: polynomials do not extrapolate.
-    within = held_out & ridge.fit_ridge(base, *fitting, 0, 0, bent).within(psi)
+    within = held_out & ridge.fit_ridge(base, *fitting, 0, 0, bent).is_covered(psi)
     held_out = within if within.any() else held_out
     testing = psi[held_out], tau[held_out], roots[held_out]
     n = len(fitting[0])

@@ -97,11 +97,11 @@ class SplitEnsembleMove:
     """The move splits walkers at random, and advances each half by the positions of the other half.
 
     `proposal(walkers, others, random)` returns new points `(n, D)` and their log Hastings factors
-    `(n,)`.  The proposal acts in the coordinates of the ridge `along`, if there is one.
+    `(n,)`.  The proposal acts in the coordinates of the `ridge`, if there is one.
     """
 
     proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
-    along: RidgeMap | None = None
+    ridge: RidgeMap | None = None
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         """Advance one half of the walkers, then the other."""
@@ -116,11 +116,11 @@ class SplitEnsembleMove:
     def _proposed(
         self, walkers: Array, half: Indices, others: Indices, random: Random
     ) -> tuple[Array, Array]:
-        if self.along is None:
+        if self.ridge is None:
             return self.proposal(walkers[half], walkers[others], random)
-        y, before = self.along.to_ridge_coordinates(walkers)
+        y, before = self.ridge.to_ridge_coordinates(walkers)
         y_fresh, factor = self.proposal(y[half], y[others], random)
-        fresh, after = self.along.from_ridge_coordinates(y_fresh)
+        fresh, after = self.ridge.from_ridge_coordinates(y_fresh)
         return fresh, factor + after - before[half]
 
 
@@ -132,7 +132,7 @@ class IndependenceMove:
     """
 
     proposal: Proposal
-    inside: Inside
+    in_support: Inside
     remembered: CachedLogDensity
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
@@ -140,7 +140,7 @@ class IndependenceMove:
         everyone = np.arange(len(state.coords))
         proposal, known = self.proposal, self.remembered
         before = known.at(state.coords)
-        fresh, after = proposal.draw(len(everyone), self.inside, model.random)
+        fresh, after = proposal.draw(len(everyone), self.in_support, model.random)
         moved = _accept(model, state, everyone, fresh, before - after)
         known.keep(state.coords, np.where(moved, after, before))
         if model.random.random_sample() < LOCAL_SHARE:
@@ -151,18 +151,18 @@ class IndependenceMove:
 def step_trapped(model: Any, state: Any, proposal: Proposal, log_q: Array) -> Flags:
     """Take a local step with each walker whose p/q is too large; `log_q (W,)` is log q."""
     moved = np.zeros(len(log_q), dtype=bool)
-    which = np.flatnonzero(state.log_prob > proposal.high(log_q))
+    which = np.flatnonzero(state.log_prob > proposal.trapping_log_p(log_q))
     if len(which) > 0:
         fresh, factor, log_q = local_steps(proposal.mixture, state.coords[which], model.random)
-        moved[which] = _accept(model, state, which, fresh, factor, proposal.high(log_q))
+        moved[which] = _accept(model, state, which, fresh, factor, proposal.trapping_log_p(log_q))
     return moved
 
 
 def _accept(
     model: Any,
     state: Any,
-    which: Indices,
-    fresh: Array,
+    indices: Indices,
+    proposed: Array,
     factor: Array,
     above: Array | float = -np.inf,
 ) -> Flags:
@@ -170,13 +170,13 @@ def _accept(
 
     The target is restricted to points with log p > `above`.
     """
-    log_p = np.asarray(model.log_prob_fn(fresh))
+    log_p = np.asarray(model.log_prob_fn(proposed))
     with np.errstate(divide="ignore"):
-        threshold = np.log(model.random.random_sample(len(which)))
-    moved: Flags = threshold < log_p - state.log_prob[which] + factor
+        threshold = np.log(model.random.random_sample(len(indices)))
+    moved: Flags = threshold < log_p - state.log_prob[indices] + factor
     moved &= log_p > above
-    state.coords[which[moved]] = fresh[moved]
-    state.log_prob[which[moved]] = log_p[moved]
+    state.coords[indices[moved]] = proposed[moved]
+    state.log_prob[indices[moved]] = log_p[moved]
     return moved
 
 
@@ -208,11 +208,11 @@ def halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> M
     )
 
 
-def _independent(learnt: Proposal | None, inside: Inside) -> Move | None:
+def _independent(proposal: Proposal | None, in_support: Inside) -> Move | None:
     """Return the independence move, or None if no proposal has been learnt."""
-    if learnt is None:
+    if proposal is None:
         return None
-    return IndependenceMove(learnt, inside, CachedLogDensity(learnt.mixture))
+    return IndependenceMove(proposal, in_support, CachedLogDensity(proposal.mixture))
 
 
 MOVES: Registry[MoveFactory] = Registry(
@@ -227,11 +227,13 @@ MOVES: Registry[MoveFactory] = Registry(
 
 
 def moves_with_weights(
-    weights: Mapping[str, float], learnt: Proposal | None, inside: Inside
+    weights: Mapping[str, float], proposal: Proposal | None, in_support: Inside
 ) -> list[tuple[Move, float]]:
     """Return the argument `moves` of emcee, without moves that need a proposal if there is none."""
     built = [
-        (MOVES[name](learnt, inside), weight) for name, weight in weights.items() if weight > 0
+        (MOVES[name](proposal, in_support), weight)
+        for name, weight in weights.items()
+        if weight > 0
     ]
     return [(move, weight) for move, weight in built if move is not None]
 
@@ -275,12 +277,12 @@ def advance(
     n_steps: int,
     moves: Mapping[str, float],
     proposal: Proposal | None = None,
-    inside: Callable[[Array], Flags] = always_inside,
+    in_support: Callable[[Array], Flags] = always_inside,
 ) -> ChainSegment:
     """Advance an ensemble by `n_steps`.
 
     `evaluate` returns the log densities of points `(n, D)` and the number of responses that overflowed.
-    Without a `proposal` the independence move is left out.  `inside` tests cheaply whether points
+    Without a `proposal` the independence move is left out.  `in_support` tests cheaply whether points
     `(n, D)` are inside the prior.
     """
     import emcee  # imported here, as loading takes half a second
@@ -296,7 +298,11 @@ def advance(
     started = time.perf_counter()
     n_walkers, n_dim = state.z.shape
     sampler = emcee.EnsembleSampler(
-        n_walkers, n_dim, target, moves=moves_with_weights(moves, proposal, inside), vectorize=True
+        n_walkers,
+        n_dim,
+        target,
+        moves=moves_with_weights(moves, proposal, in_support),
+        vectorize=True,
     )
     start = emcee.State(state.z, log_prob=state.log_p, random_state=state.random)
     end = sampler.run_mcmc(start, n_steps, skip_initial_state_check=True)

@@ -77,20 +77,22 @@ class WeightedDraws:
         middle = int(np.searchsorted(np.cumsum(self.weights[order]), 0.5))
         return float(self.log_w[order[min(middle, len(order) - 1)]])
 
-    def tempered(self, least: float) -> Array:
-        """Return weights of p^b q^(1 - b), with the largest b <= 1 for `least` effective draws."""
+    def tempered(self, min_draws: float) -> Array:
+        """Return weights of p^b q^(1 - b), with the largest b <= 1 for `min_draws` effective draws."""
 
         def flat(power: float) -> Array:
             with np.errstate(invalid="ignore"):
                 return normalised(np.where(finite, self.log_q + power * self.log_w, -np.inf))
 
         finite = np.isfinite(self.log_w)
-        if effective_count(flat(1.0)) >= least:
+        if effective_count(flat(1.0)) >= min_draws:
             return flat(1.0)
         low, high = 0.0, 1.0
         for _ in range(40):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if effective_count(flat(middle)) >= least else (low, middle)
+            low, high = (
+                (middle, high) if effective_count(flat(middle)) >= min_draws else (low, middle)
+            )
         return flat(low)
 
     def supported(self) -> WeightedDraws:
@@ -190,7 +192,7 @@ class Mixture:
         """Return the log density over u of `straightened` points: `(W,)`."""
         return _summed(self.log_parts(y, jacobian))
 
-    def shares(self, y: Array, jacobian: Array) -> tuple[Array, Array]:
+    def component_fractions(self, y: Array, jacobian: Array) -> tuple[Array, Array]:
         """Return fractions q_k / q of the components in the density, `(K, W)`, and log q `(W,)`."""
         parts = self.log_parts(y, jacobian)
         log_q = _summed(parts)
@@ -239,7 +241,7 @@ def mixture(
 
 
 def fit_mixture(
-    start: Mixture, u: Array, weights: Array, inside: Inside, rounds: int, random: Random
+    start: Mixture, u: Array, weights: Array, in_support: Inside, rounds: int, random: Random
 ) -> Mixture:
     """Fit a mixture to draws `u (N, D)` with `weights (N,)` by expectation-maximisation from `start`.
 
@@ -252,7 +254,7 @@ def fit_mixture(
     floors = [_floor(*pair) for pair in zip(y, sheet_weights, strict=True)]
     for _ in range(rounds):
         drawn = current.draw(len(u), random).u
-        out = ~inside(drawn)
+        out = ~in_support(drawn)
         share = max(1.0 - float(out.mean()), 1.0 / len(u))
         y_out, jacobian_out = current.straightened(drawn[out])
         fill = np.full(int(out.sum()), CUT_OFF_FILL / (share * len(u)))
@@ -290,7 +292,7 @@ def _weights_of_sheets(current: Mixture, y: Array, jacobian: Array, weights: Arr
     """Return `weights (N,)` times the fraction of each sheet in q: `(N,)` each."""
     if len(current.sheets) == 1:
         return [weights]
-    shares, _ = current.shares(y, jacobian)
+    shares, _ = current.component_fractions(y, jacobian)
     return [weights * shares[current.sheet == s].sum(axis=0) for s in range(len(current.sheets))]
 
 
@@ -317,11 +319,11 @@ class Proposal:
     share_inside: float
     typical_log_ratio: float
 
-    def high(self, log_q: Array) -> Array:
+    def trapping_log_p(self, log_q: Array) -> Array:
         """Return the log p above which a walker is trapped, for its `log_q (W,)`."""
         return self.typical_log_ratio + LONG_LOG_RATIO + log_q
 
-    def draw(self, n: int, inside: Inside, random: Random) -> tuple[Array, Array]:
+    def draw(self, n: int, in_support: Inside, random: Random) -> tuple[Array, Array]:
         """Draw `n` points `(n, D)` inside the prior; return them and their log q `(n,)`.
 
         Points may remain outside after `MAX_REDRAWS` rounds; such points are never accepted.  Their
@@ -333,7 +335,7 @@ class Proposal:
             wanted = min(1.2 * (n - have) / self.share_inside, MAX_DRAWS_PER_WANTED * n)
             drawn = self.mixture.draw(int(wanted) + 8, random)
             if attempt < MAX_REDRAWS - 1:
-                drawn = drawn.select(np.flatnonzero(inside(drawn.u))[: n - have])
+                drawn = drawn.select(np.flatnonzero(in_support(drawn.u))[: n - have])
             log_q = self.mixture.log_density_at(*self.mixture.coordinates(drawn))
             batches.append((drawn.u, log_q))
             have += len(drawn.u)

@@ -60,19 +60,19 @@ def build_monomials(n: int, degree: int) -> Monomials:
 class LocalBasis:
     """The fixed basis is u = centre + loose psi + tight tau, with columns `(D, l)` and `(D, t)`.
 
-    `back (D, D)` is the inverse of the matrix of all columns.  `log_volume` is the logarithm of
+    `inverse (D, D)` is the inverse of the matrix of all columns.  `log_volume` is the logarithm of
     that matrix's absolute determinant.
     """
 
     centre: Array
     loose: Array
     tight: Array
-    back: Array
+    inverse: Array
     log_volume: float
 
     def split(self, u: Array) -> tuple[Array, Array]:
         """Split `u (W, D)` into psi `(W, l)` and tau `(W, t)`."""
-        x = (u - self.centre) @ self.back.T
+        x = (u - self.centre) @ self.inverse.T
         n = self.loose.shape[1]
         return x[:, :n], x[:, n:]
 
@@ -95,20 +95,20 @@ class RidgeMap:
     With n tight directions, the coefficients are `location (terms, n)` of the ridge t(psi), and
     `root (terms, n (n + 1) / 2)` of R: of the logs of its diagonal, then of its entries below the
     diagonal, divided by the diagonal entry of their column.  Only the components `bent` of psi are
-    used, shifted by `middle` and divided by `width`, so that fitted points lie in the unit ball.
-    Points outside radius `reach` are moved to this radius, as polynomials do not extrapolate.
-    Entries of R are clipped to `ends (2, n (n + 1) / 2)`.
+    used, shifted by `psi_centre` and divided by `width`, so that fitted points lie in the unit ball.
+    Points outside `radius` are moved to this radius, as polynomials do not extrapolate.
+    Entries of R are clipped to `root_limits (2, n (n + 1) / 2)`.
     """
 
     frame: LocalBasis
     bent: Indices
-    middle: Array
+    psi_centre: Array
     width: Array
-    reach: float
+    radius: float
     powers: Monomials
     location: Array
     root: Array
-    ends: Array
+    root_limits: Array
 
     @property
     def n_loose(self) -> int:
@@ -119,9 +119,9 @@ class RidgeMap:
         """Return tau `(W, t)` on the ridge at psi `(W, l)`."""
         return self.along(psi)[0]
 
-    def within(self, psi: Array) -> Flags:
+    def is_covered(self, psi: Array) -> Flags:
         """Return whether each `psi (W, l)` lies in the ball of the fit's points: `(W,)`."""
-        scaled = (psi[:, self.bent] - self.middle) / self.width
+        scaled = (psi[:, self.bent] - self.psi_centre) / self.width
         return np.asarray((scaled**2).sum(axis=1) <= 1.0)
 
     def from_ridge_coordinates(self, y: Array) -> tuple[Array, Array]:
@@ -140,12 +140,12 @@ class RidgeMap:
 
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
         """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
-        scaled = ((psi[:, self.bent] - self.middle) / self.width).T
+        scaled = ((psi[:, self.bent] - self.psi_centre) / self.width).T
         radius = np.sqrt(np.einsum("lw,lw->w", scaled, scaled))
-        scaled *= self.reach / np.maximum(radius, self.reach)
+        scaled *= self.radius / np.maximum(radius, self.radius)
         rows = self.powers.evaluate(scaled)
         entries = self.root.T @ rows[: len(self.root)]
-        np.clip(entries, self.ends[0][:, None], self.ends[1][:, None], out=entries)
+        np.clip(entries, self.root_limits[0][:, None], self.root_limits[1][:, None], out=entries)
         n = self.location.shape[1]
         root = np.zeros((n, n, psi.shape[0]))
         diagonal = np.exp(entries[:n])
@@ -199,13 +199,13 @@ def fit_ridge(
     return RidgeMap(
         frame=base,
         bent=bent,
-        middle=middle,
+        psi_centre=middle,
         width=width,
-        reach=reach,
+        radius=reach,
         powers=monomials,
         location=np.linalg.lstsq(rows, tau, rcond=1e-10)[0],
         root=np.linalg.lstsq(rows[:, :root_terms], entries, rcond=1e-10)[0],
-        ends=np.array([low - beyond, high + beyond]),
+        root_limits=np.array([low - beyond, high + beyond]),
     )
 
 

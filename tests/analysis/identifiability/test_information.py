@@ -36,7 +36,7 @@ def test_sensitivities_are_the_slopes_of_the_response() -> None:
 def test_a_point_or_an_input_that_was_left_is_forgotten() -> None:
     likelihood, half = (
         posterior(noisy_step(SIGMA), SIGMA).likelihood,
-        DesignVariant(times={"v": 0.5}),
+        DesignVariant(factors={"v": 0.5}),
     )
     study = SensitivityStudy(likelihood)
     points = [(NEAR, half), (NEAR, AS_RECORDED), (NEAR, half), (FAR, half), (FAR, AS_RECORDED)]

@@ -22,7 +22,7 @@ def test_the_profile_of_a_gaussian_problem_is_a_parabola() -> None:
     """The 95 % interval of a well-known unknown is its best value +- 1.96 sd."""
     names, small = ("k_s", "j_m"), np.full(4, 1e-3)
     fitter = fitter_of(posterior(noisy_step(small), small, free=names))
-    result, sd = profile(fitter, names, 0), fitter.spread()[0]
+    result, sd = profile(fitter, names, 0), fitter.sds()[0]
     assert result.shape == "bounded"
     width = 2 * np.sqrt(2 * THRESHOLD) * sd
     assert np.log(result.high / result.low) == pytest.approx(width, rel=0.01)

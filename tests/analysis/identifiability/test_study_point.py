@@ -65,7 +65,7 @@ def test_a_rig_that_rests_at_the_start_is_studied_where_it_moves(
     case: bd.Case, channel: str, determined: set[str]
 ) -> None:
     findings = case.identify()
-    assert findings.point.still == (channel,)
+    assert findings.point.inert == (channel,)
     assert findings.text.startswith("AT REST: at the start values the rig does not move")
     assert f"in the record it does ({channel})" in findings.text
     words = zip(findings.study.names, (x.word for x in findings.study.parameters), strict=True)

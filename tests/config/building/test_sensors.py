@@ -17,7 +17,7 @@ from bayesdrill.config.job import prepare
 from bayesdrill.config.schema.records import ChannelSpec
 from bayesdrill.inference.noise.quantised import Quantised
 from bayesdrill.inference.priors import LogNormal, TruncatedNormal, Uniform
-from bayesdrill.report.sections.torque import beside
+from bayesdrill.report.sections.torque import approximation_note
 from bayesdrill.rig.models.linear import with_all
 from bayesdrill.rig.models.train import Train
 
@@ -111,11 +111,11 @@ def test_samples_that_a_late_input_leaves_undetermined_are_left_out(tmp_path: Pa
     )
     for changes, first in (((), 5.06), (((start, ""), (truth, "")), 5.0)):
         experiment = prepare(write_shaft(tmp_path, LAGGED, *changes)).problem.experiment
-        seen = experiment.t[experiment.seen[:, 0]]
+        seen = experiment.t[experiment.is_measured[:, 0]]
         assert (seen[0], seen[-1]) == pytest.approx((first, DRILL_T[-1] - 0.04))
-        begins = any("before the start (lag)" in note for note in experiment.told)
+        begins = any("before the start (lag)" in note for note in experiment.notes)
         assert begins == (first > 5.0)
-        assert any("after the end of the record (lag)" in note for note in experiment.told)
+        assert any("after the end of the record (lag)" in note for note in experiment.notes)
 
 
 @pytest.mark.parametrize("kind", ["{name: ar1, rho: 0.5}", "{name: student_t, degrees: 4}"])
@@ -130,7 +130,7 @@ def test_a_step_is_in_the_unit_of_its_column(tmp_path: Path) -> None:
     quantised = noisy("{name: quantised, step: 6.0}", "0.5", "rpm")
     case = loading.load(command_line.small_config(tmp_path, quantised))
     noise = build_noise(case.experiments[0].channels, 5)
-    parts = [part.noise for part in noise.parts]  # type: ignore[attr-defined]
+    parts = [part.noise for part in noise.noises]  # type: ignore[attr-defined]
     (step,) = [part.steps[0] for part in parts if isinstance(part, Quantised)]
     assert step == pytest.approx(0.2 * np.pi)
 
@@ -166,9 +166,12 @@ def test_a_missing_torque_beside_friction_is_said_to_be_an_approximation(tmp_pat
     given, rubbing = (prepare(shaken(tmp_path, *x)).problem for x in ((), (friction,)))
     assert not is_approximate(given.posterior)
     assert is_approximate(rubbing.posterior)
-    assert "with friction it is an approximation" in beside(rubbing.model)
+    assert "with friction it is an approximation" in approximation_note(rubbing.model)
     pendulum = Train(inertias=("arm",), drives={"arm": "torque"}, gravity=("arm",))
-    assert "with gravity it is an approximation, as if a pendulum were a spring" in beside(pendulum)
+    assert (
+        "with gravity it is an approximation, as if a pendulum were a spring"
+        in approximation_note(pendulum)
+    )
 
 
 def test_a_record_is_simulated_with_a_missing_torque(tmp_path: Path) -> None:

@@ -14,24 +14,24 @@ SPIKED[[60, 61, 150]] = -90.0
 def test_glitches_are_listed_with_rows_and_times_and_kept(tmp_path: Path) -> None:
     save(tmp_path, "r.csv", t=T, w=SPIKED)
     experiment = read_measured(tmp_path)
-    (anomaly,) = experiment.odd
+    (anomaly,) = experiment.anomalies
     message = anomaly.in_words(5)
     assert message.startswith("glitches: w_1 jumps away")
     assert "2 places (3 samples): line 62 to 63 (0.9 to 0.91 s); line 152 (1.8 s)" in message
     assert "record.channels.w_1: mask: glitches" in message
     assert anomaly.in_words(1).count("line") == 1
-    assert experiment.seen.all()
-    assert experiment.told == ()
+    assert experiment.is_measured.all()
+    assert experiment.notes == ()
 
 
 def test_a_head_that_contradicts_the_unit_of_its_column_is_named(tmp_path: Path) -> None:
     save(tmp_path, "r.csv", t=T, w=SPEED, **{"supply [mV]": 1e3 * SUPPLY})
-    (anomaly,) = read_measured(tmp_path, v='{column: "supply [mV]", unit: V}').odd
+    (anomaly,) = read_measured(tmp_path, v='{column: "supply [mV]", unit: V}').anomalies
     assert anomaly.in_words(1) == (
         "unit: the header of 'supply [mV]' says mV, and the config V; correct `unit:` at inputs.v, or "
         "rename the column"
     )
-    assert read_measured(tmp_path, v='{column: "supply [mV]", unit: mV}').odd == ()
+    assert read_measured(tmp_path, v='{column: "supply [mV]", unit: mV}').anomalies == ()
 
 
 @run_cases(
@@ -47,8 +47,8 @@ def test_a_head_that_contradicts_the_unit_of_its_column_is_named(tmp_path: Path)
 def test_a_mask_leaves_out_what_it_names(mask: str, gone: list[int], tmp_path: Path) -> None:
     save(tmp_path, "r.csv", t=T, w=SPIKED)
     experiment = read_measured(tmp_path, w_1=f"mask: {mask}")
-    assert np.flatnonzero(~experiment.seen[:, 0]).tolist() == gone
-    assert experiment.told
+    assert np.flatnonzero(~experiment.is_measured[:, 0]).tolist() == gone
+    assert experiment.notes
 
 
 def test_a_masked_glitch_of_an_input_is_held_over(tmp_path: Path) -> None:
@@ -57,10 +57,10 @@ def test_a_masked_glitch_of_an_input_is_held_over(tmp_path: Path) -> None:
     save(tmp_path, "r.csv", t=T, w=SPEED, u=supply)
     kept = read_measured(tmp_path, v="{column: u, unit: V}")
     assert kept.series["v"][90] == 250.0
-    assert "glitches: v jumps away" in kept.odd[0].in_words(1)
+    assert "glitches: v jumps away" in kept.anomalies[0].in_words(1)
     masked = read_measured(tmp_path, v="{column: u, unit: V, mask: glitches}")
     assert masked.series["v"][90] == masked.series["v"][89] == pytest.approx(SUPPLY[89])
-    assert masked.odd == ()
+    assert masked.anomalies == ()
 
 
 def test_masked_samples_may_be_missing(tmp_path: Path) -> None:
@@ -75,7 +75,7 @@ def test_masked_samples_may_be_missing(tmp_path: Path) -> None:
 def test_a_saturated_sensor_is_named(tmp_path: Path) -> None:
     clipped = np.minimum(9.0 + 40.0 * np.sin(9.0 * T) + 0.1 * RNG.standard_normal(240), 40.0)
     save(tmp_path, "r.csv", t=T, w=clipped)
-    (anomaly,) = read_measured(tmp_path).odd
+    (anomaly,) = read_measured(tmp_path).anomalies
     saturated = "saturated: w_1 runs into exactly the same value, 40 rad/s"
     assert anomaly.in_words(1).startswith(saturated)
 
@@ -97,7 +97,7 @@ def test_angles_that_wrap_are_unwrapped(unit: str, wraps: str, turn: float, tmp_
     assert experiment.y[:, 1] - experiment.y[0, 1] == pytest.approx(ANGLE - ANGLE[0])
     jumps = int(np.sum(np.abs(np.diff(raw)) > turn / 2))
     assert jumps > 5
-    assert any(f"theta_1: unwrapped {jumps} jumps" in note for note in experiment.told)
+    assert any(f"theta_1: unwrapped {jumps} jumps" in note for note in experiment.notes)
 
 
 def test_a_jump_of_half_a_turn_is_refused(tmp_path: Path) -> None:
@@ -120,10 +120,10 @@ def test_a_derived_channel_is_compared_and_not_counted(tmp_path: Path) -> None:
     experiment = read_measured(tmp_path, channel=channels.replace("COLUMN", "q"))
     assert experiment.names == ("w_1", "theta_1")
     assert experiment.y.shape == (240, 2)
-    (note,) = experiment.told
+    (note,) = experiment.notes
     assert note.startswith("w_2 is not counted, as it is derived from theta_1")
     assert "1 times the backward difference quotient of theta_1" in note
-    assert experiment.odd == ()
+    assert experiment.anomalies == ()
     other = read_measured(tmp_path, channel=channels.replace("COLUMN", "w"))
     own_sensor = "if it was measured by a sensor of its own, remove derived_from"
-    assert own_sensor in other.odd[0].in_words(1)
+    assert own_sensor in other.anomalies[0].in_words(1)

@@ -113,9 +113,9 @@ def test_missing_samples_are_left_out_on_request(tmp_path: Path) -> None:
     assert "leave them out (record.missing: drop)" in message
     experiment = read_measured(tmp_path, "missing: drop")
     assert experiment.uniform
-    assert np.flatnonzero(~experiment.seen[:, 0]).tolist() == [0, 7, 8, 100]
+    assert np.flatnonzero(~experiment.is_measured[:, 0]).tolist() == [0, 7, 8, 100]
     assert experiment.counts == (236,)
-    assert "w_1: 4 missing samples are left out" in experiment.told
+    assert "w_1: 4 missing samples are left out" in experiment.notes
     save(tmp_path, "r.csv", t=T, w=[*with_blanks(SPEED[:-1]), "Inf"])
     assert "1 infinite value, at line 241; correct, mask or cut" in refused(
         tmp_path, record="missing: drop"
@@ -140,7 +140,7 @@ def test_missing_samples_of_an_input_are_bridged_as_it_is_held(
     experiment = read_measured(tmp_path, v=f"{column}, missing: hold}}")
     assert experiment.series["v"][30:34] == pytest.approx(bridged)
     assert np.isfinite(experiment.series["v"]).all()
-    assert f"v: 2 samples are bridged (hold: {hold})" in experiment.told
+    assert f"v: 2 samples are bridged (hold: {hold})" in experiment.notes
     for row in filter(lambda end: end is not None, (first, last)):
         save(tmp_path, "r.csv", t=T, w=SPEED, u=with_blanks(SUPPLY, row))
         message = refused(tmp_path, v=f"{column}, missing: hold}}")
@@ -155,7 +155,7 @@ def test_between_several_windows_the_rig_goes_on(tmp_path: Path) -> None:
     experiment = load_measured(tmp_path, ("  file: r.csv\n", f"  file: r.csv\n{windows}"), supply)
     assert experiment.t == pytest.approx(np.arange(50, 241) * 0.01)
     used = np.concatenate([np.arange(50, 71), np.arange(120, 126), np.arange(200, 241)]) / 100
-    assert experiment.t[experiment.seen[:, 0]] == pytest.approx(used)
+    assert experiment.t[experiment.is_measured[:, 0]] == pytest.approx(used)
     assert experiment.series["v"] == pytest.approx(SUPPLY[20:211])
     assert experiment.t_start == experiment.t[0]
     assert experiment.uniform

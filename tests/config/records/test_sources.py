@@ -27,8 +27,8 @@ def test_every_column_may_have_its_own_file_and_clock(tmp_path: Path) -> None:
     assert experiment.t == pytest.approx(every, abs=1e-9)
     for k, (times, values) in enumerate(((T, SPEED), (slow, np.radians(squares)))):
         used = (times > 0.3499) & (times < 1.7001)
-        assert experiment.t[experiment.seen[:, k]] == pytest.approx(times[used])
-        assert experiment.y[experiment.seen[:, k], k] == pytest.approx(values[used])
+        assert experiment.t[experiment.is_measured[:, k]] == pytest.approx(times[used])
+        assert experiment.y[experiment.is_measured[:, k], k] == pytest.approx(values[used])
     last = np.searchsorted(late, experiment.t + 1e-9, side="right") - 1
     assert experiment.series["v"].tolist() == (5.0 + last % 7).tolist()
     assert experiment.input_steps == {"v": pytest.approx(0.03)}
@@ -39,13 +39,13 @@ def test_the_same_clock_in_two_files_is_one(tmp_path: Path) -> None:
     save(tmp_path, "r.csv", t=T, w=SPEED)
     save(tmp_path, "more.csv", t=T, phi=ANGLE)
     experiment = read_measured(tmp_path, channel=MORE)
-    assert experiment.seen.all()
+    assert experiment.is_measured.all()
     assert experiment.uniform
     assert experiment.t.tolist() == [float(f"{x:.12g}") for x in T]
     save(tmp_path, "more.csv", t=T + 3e-7 * RNG.standard_normal(len(T)), phi=ANGLE)
     experiment = read_measured(tmp_path, channel=MORE)
-    assert "give both columns the same `time:`" in experiment.odd[0].in_words(1)
-    assert f"{len(experiment.t)} times of 2 clocks (240, 240 samples)" in experiment.told[0]
+    assert "give both columns the same `time:`" in experiment.anomalies[0].in_words(1)
+    assert f"{len(experiment.t)} times of 2 clocks (240, 240 samples)" in experiment.notes[0]
 
 
 def test_an_input_of_one_sample_is_held(tmp_path: Path) -> None:
@@ -67,7 +67,7 @@ def test_an_input_must_be_known_where_it_is_needed(tmp_path: Path) -> None:
     assert "or `hold: zero`" in refused(tmp_path, v=short.replace("V}", "V, hold: first}"))
     held = read_measured(tmp_path, v=short)
     assert set(held.series["v"][-9:]) == {SUPPLY[-10]}
-    assert "v: held after its last sample at 2.6 s" in held.told
+    assert "v: held after its last sample at 2.6 s" in held.notes
     cut = read_measured(tmp_path, "window: [0.355, 2]", v=late)
     assert cut.series["v"][0] == pytest.approx(SUPPLY[6])
 
@@ -90,7 +90,7 @@ def test_filtered_samples_stay_at_their_times(tmp_path: Path) -> None:
     assert experiment.t[0] == pytest.approx(0.1)
     assert experiment.t_start == 0.0
     assert experiment.y[:, 0] == pytest.approx(9.0 + np.sin(11.0 * experiment.t), abs=1e-3)
-    (note,) = experiment.told
+    (note,) = experiment.notes
     taps = clocks.filter_length(10)
     assert f"zero-phase FIR of {taps} samples, half of the amplitude at 40 Hz" in note
     assert "removed (sd) 0.14" in note
@@ -100,7 +100,7 @@ def test_inputs_stay_at_every_time_when_channels_are_decimated(tmp_path: Path) -
     save(tmp_path, "r.csv", t=LONG, w=SLOW, u=STEP)
     experiment = read_measured(tmp_path, FILTERED, v="{column: u, unit: V}")
     assert experiment.series["v"].tolist() == STEP.tolist()
-    assert np.flatnonzero(experiment.seen[:, 0]).tolist() == list(range(100, 2900, 10))
+    assert np.flatnonzero(experiment.is_measured[:, 0]).tolist() == list(range(100, 2900, 10))
     assert experiment.t_start == experiment.t[0] == 0.0
 
 
@@ -110,7 +110,7 @@ def test_without_a_filter_samples_are_left_as_measured(tmp_path: Path) -> None:
     experiment = read_measured(tmp_path, PLAIN)
     assert experiment.t == pytest.approx(LONG[GAP][::10], abs=1e-12)
     assert experiment.y[:, 0] == pytest.approx(noisy[GAP][::10], abs=1e-9)
-    (note,) = experiment.told
+    (note,) = experiment.notes
     assert "one sample in 10 is kept (300 of 2995 of w_1), as it was measured" in note
     assert "a filter needs equal time steps" in refused(tmp_path, record=FILTERED)
 
@@ -124,7 +124,7 @@ def test_without_a_filter_each_channel_is_thinned_by_itself(tmp_path: Path) -> N
     channel = "theta_1: {column: phi, unit: rad, sigma: 1}"
     experiment = read_measured(tmp_path, record, channel=channel, v="{column: u, unit: V}")
     assert experiment.series["v"].tolist() == STEP.tolist()
-    speeds, angles = (np.flatnonzero(experiment.seen[:, k]) for k in (0, 1))
+    speeds, angles = (np.flatnonzero(experiment.is_measured[:, k]) for k in (0, 1))
     assert speeds.tolist() == [*range(0, 1000, 10), *range(1201, 3000, 10)]
     assert angles[:3].tolist() == [7, 17, 27]
     assert experiment.held_out is not None

@@ -72,11 +72,11 @@ def one() -> CompressedSimulator:
 def test_log_likelihoods_are_those_of_80_bit_simulation(one: CompressedSimulator) -> None:
     points = near(9, seed=5)
     squares, bounds = (numbers[..., 0] for numbers in one.expanded(points))
-    truth = np.array([true_squares(one.whole, point) for point in points])
+    truth = np.array([true_squares(one.uncompressed, point) for point in points])
     wrong = np.abs(squares - truth).astype(float) / (2 * SIGMA**2)
     assert wrong.sum(axis=1).max() < 1e-9
     assert (np.abs(squares - truth) <= bounds + 1e-11 * truth).all()
-    exact = np.abs(one.whole.squares(points) - truth).max()
+    exact = np.abs(one.uncompressed.squares(points) - truth).max()
     assert np.abs(one.squares(points) - truth).max() < exact
 
 
@@ -126,7 +126,7 @@ def test_rigs_that_hardly_damp_beside_a_slow_pole_have_a_bound() -> None:
         rng, dt, p = other_rig(seed)
         points = p * np.exp(1e-3 * rng.standard_normal((40, len(ORDER))))
         one = made(recorded(points[0], dt, steps(1001, seed), rng), points)
-        assert not one.beyond(*one.expanded(points)).any(), seed
+        assert not one.exceeds_limit(*one.expanded(points)).any(), seed
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_errors_of_sums_are_within_their_bounds_for_other_rigs_and_inputs(seeds:
         one = made(response, points)
         near_ones = points[3::3][:6]
         squares, bounds = (numbers[..., 0] for numbers in one.expanded(near_ones))
-        assert not one.beyond(*one.expanded(near_ones)).any(), seed
+        assert not one.exceeds_limit(*one.expanded(near_ones)).any(), seed
         for point, sums, bound in zip(near_ones, squares, bounds, strict=True):
             left = true_squares(response, point)
             error = np.abs(sums - left).astype(float)
@@ -210,7 +210,7 @@ def test_steps_and_ends_are_those_of_the_exact_simulator(thinned: bool) -> None:
     # Steps are what is left of products that nearly cancel.
     assert np.allclose(mine.neighbours(points), exact, rtol=1e-8, atol=1e-9 * exact.max())
     assert np.allclose(mine.squares(points), response.squares(points), rtol=1e-8, atol=0)
-    assert not mine.beyond(*mine.expanded(points)).any()
+    assert not mine.exceeds_limit(*mine.expanded(points)).any()
     along = points[:9, None, :] * rng.standard_normal((9, 4, points.shape[1]))
     rho = rng.uniform(-0.9, 0.99, (9, 2))
     over = 1.0 / (1.0 + rho)
@@ -265,7 +265,7 @@ def test_sums_are_those_of_the_exact_simulator(
 ) -> None:
     response, points = make()
     mine = made(response, points)
-    assert not mine.beyond(*mine.expanded(points)).any()
+    assert not mine.exceeds_limit(*mine.expanded(points)).any()
     assert np.allclose(mine.squares(points), response.squares(points), rtol=1e-9, atol=0)
     rng, (n, p) = np.random.default_rng(15), points.shape
     along = rng.standard_normal((n, 3, p)) * points[:, None, :]
@@ -285,7 +285,7 @@ def test_errors_of_sums_are_within_their_bounds(
     points = near(8, 10.0**spread, seed)
     points[1:, column] *= 1.5
     squares, bounds = (numbers[..., 0] for numbers in one.expanded(points))
-    exact = one.whole.squares(points)
+    exact = one.uncompressed.squares(points)
     known = np.isfinite(bounds)
     # Neither knows more digits than this.
     rounding = 1e-9 * (exact + np.abs(exact).max(axis=1, keepdims=True)) + 1e-6 * SIGMA**2
@@ -295,15 +295,15 @@ def test_errors_of_sums_are_within_their_bounds(
 def test_rigs_far_away_have_the_exact_simulator(one: CompressedSimulator) -> None:
     points = near(6, 0.5, seed=15)
     points[0] *= 1.0 + 1e-5
-    beyond = one.beyond(*one.expanded(points))
+    beyond = one.exceeds_limit(*one.expanded(points))
     assert beyond[1:].all()
     assert not beyond[0]
-    assert np.array_equal(one.squares(points)[1:], one.whole.squares(points)[1:])
+    assert np.array_equal(one.squares(points)[1:], one.uncompressed.squares(points)[1:])
     along = np.repeat(np.eye(len(ORDER))[None], 6, axis=0)
     scales = np.ones((6, 5))
     for mine, exact in zip(
         one.normal(points, along, scales[..., None] ** 2),
-        one.whole.normal(points, along, scales[..., None] ** 2),
+        one.uncompressed.normal(points, along, scales[..., None] ** 2),
         strict=True,
     ):
         assert np.array_equal(mine[1:], exact[1:])
@@ -324,7 +324,7 @@ def test_sums_without_a_bound_need_no_samples_of_rigs_far_away(one: CompressedSi
     ridge = np.repeat(points[:1], 40, axis=0)
     ridge[:, electric] *= np.geomspace(0.05, 20.0, 40)[:, None]
     assert one.exceeds_bound(ridge).any()
-    alone = dataclasses.replace(one.unbounded, whole=Forbidden())
+    alone = dataclasses.replace(one.unbounded, uncompressed=Forbidden())
     weights = np.full((40, one.experiment.y.shape[1], 1), SIGMA**-2)
     along = np.repeat(np.diag(points[0])[None], 40, axis=0)
     alone.normal(ridge, along, weights)

@@ -245,7 +245,7 @@ def code(write: Callable[..., None], *structures: Any) -> str:
 def rubbing(model: Model, **own: Any) -> SteppedShape:
     pattern = ((True,) * (len(model.states) + 1),)
     usual = {"tally": SQUARES, "dual": False, "read": False, "efforts": False}
-    named = {"series": ("v",), "late": (), "constant": (), "first_order": True}
+    named = {"series": ("v",), "delayed_series": (), "constant": (), "first_order": True}
     return SteppedShape(**{"model": model, "pattern": pattern, **usual, **named, **own})
 
 
@@ -259,7 +259,7 @@ def test_kernels_have_one_text_where_they_have_one_code() -> None:
             for own in ({}, {"dual": True, "tally": None})
         ),
         *(rubbing(MotorShaft(added=motor, i_m=i_m)) for i_m in (0.5, 0.25)),
-        *(rubbing(MotorShaft(), **own) for own in ({"read": True}, {"late": ("v",)})),
+        *(rubbing(MotorShaft(), **own) for own in ({"read": True}, {"delayed_series": ("v",)})),
         *(rubbing(MotorShaft(), tally=tally) for tally in (LOGS, None)),
     ]
     texts = [shape.text for shape in steps]

@@ -363,7 +363,7 @@ def test_sums_are_those_of_the_samples(name: str) -> None:
     channel's weight exchanged, a power of two lost, walkers whose lanes see other samples.
     """
     rig, full, shown = made(name).simulator, made(name).full, made(name).signals
-    y, seen = rig.experiment.y, rig.experiment.seen
+    y, seen = rig.experiment.y, rig.experiment.is_measured
     left = y - shown
     squares = np.where(seen, left**2, 0.0).sum(axis=1)
     assert rig.squares(full) == pytest.approx(squares, rel=1e-9)
@@ -375,7 +375,7 @@ def test_sums_are_those_of_the_samples(name: str) -> None:
 def neighbours_are_right(
     rig: Simulator, full: np.ndarray, left: np.ndarray, _: np.random.Generator
 ) -> None:
-    found, seen = rig.neighbours(full), rig.experiment.seen
+    found, seen = rig.neighbours(full), rig.experiment.is_measured
     for k in range(seen.shape[1]):
         own = left[:, seen[:, k], k]
         squares = (own**2).sum(axis=1)
@@ -390,7 +390,7 @@ def logs_are_right(
     rig: Simulator, full: np.ndarray, left: np.ndarray, rng: np.random.Generator
 ) -> None:
     weights = np.exp(rng.normal(0, 3, (len(full), left.shape[2])))
-    left = np.where(rig.experiment.seen, left, 0.0)
+    left = np.where(rig.experiment.is_measured, left, 0.0)
     logs = np.log1p(weights[:, None] * left**2).sum(axis=1)
     assert rig.logs(full, weights) == pytest.approx(logs, rel=1e-9)
 
@@ -398,7 +398,7 @@ def logs_are_right(
 def intervals_are_right(
     rig: Simulator, full: np.ndarray, left: np.ndarray, rng: np.random.Generator
 ) -> None:
-    seen = rig.experiment.seen
+    seen = rig.experiment.is_measured
     over = np.exp(rng.uniform(-1, 4, (len(full), left.shape[2])))
     half = np.exp(rng.uniform(np.log(0.2), 3, over.shape))
     middle, widths = np.where(seen, np.abs(left), 0.0) * over[:, None], half[:, None]
@@ -429,7 +429,7 @@ def test_logs_of_what_is_far_off_neither_overflow_nor_lose_digits() -> None:
 def test_normal_equations_are_sums_of_slopes(name: str) -> None:
     """Without what was not seen."""
     case = made(name)
-    rig, full, y, seen = case.simulator, case.full[:2], case.record.y, case.record.seen
+    rig, full, y, seen = case.simulator, case.full[:2], case.record.y, case.record.is_measured
     rng = np.random.default_rng(5)
     along = rng.normal(size=(2, 4, full.shape[1])) * full[:, None, :]
     scales = np.exp(rng.normal(size=(2, y.shape[1])))

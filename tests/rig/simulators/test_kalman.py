@@ -194,7 +194,7 @@ def test_slopes_are_those_of_differences(at: TorqueLocation, smooth: Smoothness)
     white, change, variances, wider = found.slopes(
         (row, turns[0]), (sigmas, turns[1]), (left, turn)
     )
-    seen = one.seen
+    seen = one.is_measured
     assert white[0, seen] == pytest.approx(found.whiten(row, sigmas, left)[0][0, seen], abs=1e-10)
     assert change[0, seen] == pytest.approx(
         ((up[0] - down[0]) / (2 * step))[0, seen], abs=1e-6 * np.abs(change).max()

@@ -46,4 +46,4 @@ def test_simplices_in_lock_step_evaluate_the_points_of_scipy(n: int) -> None:
     runs = in_lock_step(searches, lambda x: np.array([hill(int(row[0]), row[1:]) for row in x]))
     for own, of_scipy in zip(evaluated, expected, strict=True):
         assert np.array_equal(own, of_scipy)
-    assert [run.stopped for run in runs] == [end.status == 0 for end in ends]
+    assert [run.is_converged for run in runs] == [end.status == 0 for end in ends]

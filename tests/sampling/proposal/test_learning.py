@@ -20,11 +20,11 @@ from bayesdrill.inference.laplace import LogDensity, QuadraticModel, concatenate
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.proposal.learning import (
     LearnedProposal,
-    _best,
     _central_draws,
     _compared,
     _draw,
     _initial_mixture,
+    _most_efficient,
     learn,
 )
 from bayesdrill.sampling.proposal.ridge_tracing import trace
@@ -44,12 +44,12 @@ def two_humps(kind: str, d: int) -> tuple[Gaussians, LearnedProposal]:
 @run_cases("d", [1, 2, 5])
 def test_weights_of_two_maxima_are_those_of_importance_sampling(kind: str, d: int) -> None:
     surface, proposal = two_humps(kind, d)
-    u, log_q = proposal.proposal.draw(20_000, surface.inside, np.random.RandomState(3))
+    u, log_q = proposal.proposal.draw(20_000, surface.in_support, np.random.RandomState(3))
     weights = normalised(surface.value(u) - log_q)
     shares = np.bincount(surface.belongs(u), weights=weights)
     assert shares == pytest.approx(surface.weights, rel=0.1)
     drawn = np.bincount(surface.belongs(u)) / len(u)
-    assert proposal.shares(u, 2) == pytest.approx(drawn, abs=1e-6)
+    assert proposal.mode_fractions(u, 2) == pytest.approx(drawn, abs=1e-6)
     assert proposal.origin == (0, 1)
     assert proposal.draws.acceptance > 0.8
 
@@ -76,15 +76,15 @@ def test_a_proposal_is_compared_with_what_another_has_seen() -> None:
     assert better.missed < 1e-3
     assert lesser.efficiency < 0.2 * better.efficiency
     for order in ([single, both], [both, single]):
-        assert len(_best(order).origin) == 2
+        assert len(_most_efficient(order).origin) == 2
 
 
 def test_a_maximum_without_mass_costs_nothing() -> None:
     surface = humps(2, (1.0, 1e-30), (1.0, 1.0), APART)
     proposal = learned(surface, surface.means)
     assert proposal.draws.acceptance > 0.8
-    drawn, _ = proposal.proposal.draw(3000, surface.inside, np.random.RandomState(3))
-    assert proposal.shares(drawn, 2)[1] < 0.02
+    drawn, _ = proposal.proposal.draw(3000, surface.in_support, np.random.RandomState(3))
+    assert proposal.mode_fractions(drawn, 2)[1] < 0.02
 
 
 @run_cases("n_loose, n_tight", [(1, 1), (1, 3), (2, 3)])

@@ -45,7 +45,9 @@ def test_points_are_brought_to_the_ridge(far: bool, n_loose: int, n_tight: int) 
     draws = proposal.draws.u
     ridge = proposal.proposal.mixture.sheets[0]
     location = ridge.location.copy()
-    location[0] += 0.8 if far else 10.0 * np.exp(ridge.ends[1, :n_tight])  # as wide as it gets
+    location[0] += (
+        0.8 if far else 10.0 * np.exp(ridge.root_limits[1, :n_tight])
+    )  # as wide as it gets
     moved = replace(ridge, location=location, root=0.9 * ridge.root)
     newton = newton_ridge(moved, surface.quadratic_model)
     psi, e = np.split(ridge.to_ridge_coordinates(draws)[0], [n_loose], axis=1)
@@ -82,7 +84,7 @@ def test_the_missed_mass_of_a_shortened_proposal_is_that_of_the_whole(
     """From draws of the piece, whose weights say nothing of the rest."""
     surface, proposal = of_a_ridge(n_loose, n_tight)
     piece = shortened(proposal.proposal)
-    u, log_q = piece.draw(2000, surface.inside, np.random.RandomState(2))
+    u, log_q = piece.draw(2000, surface.in_support, np.random.RandomState(2))
     share = missed(surface, piece, u, normalised(surface.value(u) - log_q))
     whole = proposal.draws
     ratio = surface.value(whole.u) - piece.mixture.log_density(whole.u)

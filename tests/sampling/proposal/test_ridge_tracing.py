@@ -20,7 +20,7 @@ def test_a_strongly_bent_ridge_is_followed(seed: int, n_loose: int, n_tight: int
     traced = ridge_tracing.trace(surface, ridge_point(surface), np.random.default_rng(seed)).ridge
     rng = np.random.default_rng(9)
     psi = rng.uniform(-0.7, 0.7, (1000, n_loose))
-    psi = psi[surface.inside(surface.at(psi, np.zeros((1000, n_tight))))]
+    psi = psi[surface.in_support(surface.at(psi, np.zeros((1000, n_tight))))]
 
     def across(e: np.ndarray) -> np.ndarray:
         return traced.to_ridge_coordinates(surface.at(psi, e))[0][:, n_loose:]
@@ -39,7 +39,7 @@ def test_a_ridge_is_followed_up_to_the_ends_of_the_priors(seed: int) -> None:
     psi = np.random.default_rng(9).uniform(-2.0, 2.0, (20_000, 2))
     exact = surface.at(psi, np.zeros((len(psi), 2)))
     share = np.abs(exact - surface.middle) / (surface.reach * surface.spread)
-    last = exact[(share.max(axis=1) > 0.9) & surface.inside(exact)]
+    last = exact[(share.max(axis=1) > 0.9) & surface.in_support(exact)]
     traced = ridge_tracing.trace(surface, ridge_point(surface), np.random.default_rng(seed)).ridge
     off = np.linalg.norm(traced.to_ridge_coordinates(last)[0][:, 2:], axis=1)
     assert np.quantile(off, 0.9) < 0.3

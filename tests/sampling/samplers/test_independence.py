@@ -42,8 +42,8 @@ def test_densities_of_walkers_that_stay_are_not_computed_again() -> None:
 
 def test_the_acceptance_predicted_from_draws_is_that_of_the_move() -> None:
     proposal = replace(rough(CUT, 5), typical_log_ratio=np.inf)
-    u, log_q = proposal.draw(40_000, CUT.inside, np.random.RandomState(2))
-    assert CUT.inside(u).all()
+    u, log_q = proposal.draw(40_000, CUT.in_support, np.random.RandomState(2))
+    assert CUT.in_support(u).all()
     weighted = WeightedDraws(u, CUT.log_density(u) - log_q, np.zeros(len(u)))
     piece = advance_draws(CUT, 5, INDEPENDENT, proposal, 12)
     assert weighted.acceptance == pytest.approx(piece.accepted.mean() / 12, abs=0.02)

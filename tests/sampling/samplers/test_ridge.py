@@ -57,12 +57,12 @@ def test_volumes_are_those_of_a_numerical_determinant(n_loose: int, n_tight: int
 def test_beyond_its_points_a_polynomial_stays_what_it_is_at_their_edge() -> None:
     ridge_map = curved(2, 3)
     way = np.array([[0.6, -0.8]]) * ridge_map.width
-    edge = ridge_map.at(ridge_map.middle + way)
-    assert ridge_map.at(ridge_map.middle + 40.0 * way) == pytest.approx(edge)
-    assert not np.allclose(ridge_map.at(ridge_map.middle + 0.9 * way), edge)
-    further = dataclasses.replace(ridge_map, reach=2.0)
-    assert further.at(ridge_map.middle + way) == pytest.approx(edge)
-    assert not np.allclose(further.at(ridge_map.middle + 2.0 * way), edge)
+    edge = ridge_map.at(ridge_map.psi_centre + way)
+    assert ridge_map.at(ridge_map.psi_centre + 40.0 * way) == pytest.approx(edge)
+    assert not np.allclose(ridge_map.at(ridge_map.psi_centre + 0.9 * way), edge)
+    further = dataclasses.replace(ridge_map, radius=2.0)
+    assert further.at(ridge_map.psi_centre + way) == pytest.approx(edge)
+    assert not np.allclose(further.at(ridge_map.psi_centre + 2.0 * way), edge)
 
 
 def test_each_monomial_stands_once_the_lowest_degrees_first() -> None:
