@@ -44,7 +44,7 @@ def test_each_channel_says_what_is_unexplained_and_a_constant_channel_nothing() 
         return [text.get_text() for panel in fit_figure(fit).axes for text in panel.texts]
 
     fit = fit_of(2, 200)
-    constant = dataclasses.replace(fit.signals[1], share=float("nan"))
+    constant = dataclasses.replace(fit.signals[1], unexplained=float("nan"))
     assert texts(fit) == ["unexplained: 2.1 %"] * 2
     assert texts(dataclasses.replace(fit, signals=(fit.signals[0], constant))) == [
         "unexplained: 2.1 %"
