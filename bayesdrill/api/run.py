@@ -20,6 +20,7 @@ from bayesdrill.basics.errors import InputError, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config import job
 from bayesdrill.config.job import Job
+from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.run_report import sections
@@ -132,7 +133,7 @@ class Best(Value):
         workers, job = arguments.workers(processes), self.job.with_steps_at(self.mode)
         with ONE_THREAD:
             residuals = conclusions.residuals(job, self.mode)
-        if all(channel.like_noise for channel in residuals):
+        if like_noise(residuals):
             workers = 1  # after a good fit few models are tried, faster than workers start
         with WorkerPool(self.job.problem.posterior, workers) as pool:
             how = job, self.mode, residuals, pool.submit_function, report or SILENT
