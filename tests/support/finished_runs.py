@@ -11,7 +11,6 @@ from typing import Any, Self
 
 import numpy as np
 import pytest
-from emcee.backends import HDFBackend
 from support import command_line
 
 from bayesdrill.tasks import conclusions
@@ -45,6 +44,8 @@ class FinishedRun:
 
     def chains(self) -> dict[str, np.ndarray]:
         """Return all that `chain.h5` holds of the four ensembles."""
+        from emcee.backends import HDFBackend
+
         arrays = {}
         for k in range(4):
             backend = HDFBackend(
