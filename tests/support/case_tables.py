@@ -8,8 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 type Test = Callable[..., None]
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C: eight times as fast
+
+
+def read_table(path: Path) -> Any:
+    """Return the cases of a file in YAML 1.1, in which `1.0e-4` is a number and `1e-4` a text."""
+    return yaml.load(path.read_text(encoding="utf-8"), LOADER)
 
 
 def slow_except(quick: Collection[Any], cases: Iterable[Any]) -> list[Any]:
