@@ -62,9 +62,9 @@ def figure(name: str, width: float = DOUBLE) -> Figure:
 
 
 def test_the_fit_shows_frictions_with_their_bands_and_where_they_stick() -> None:
-    frictions = view().chain.friction_motions[0]
+    frictions, panels = view().chain.friction_motions[0], figure("fit").axes
     for friction, symbol in zip(frictions, ("T_m", "T_1"), strict=True):
-        (panel,) = (p for p in figure("fit").axes if symbol in p.get_ylabel())
+        (panel,) = (p for p in panels if symbol in p.get_ylabel())
         (line,) = panel.get_lines()
         shown = [si(panel.get_ylabel(), u) for u in line.get_ydata()]
         np.testing.assert_allclose(shown, friction.effort, atol=1e-12)
