@@ -328,36 +328,17 @@ def test_all_mistakes_of_a_record_come_at_once(here: Path) -> None:
     assert "no column 'w1'" in text
 
 
-@run_cases(
-    "arguments",
-    [
-        ["chek"],
-        ["check"],
-        ["check", "small.yaml", "--fast"],
-        ["posterior", "small.yaml", "--processes", "0"],
-        ["posterior", "small.yaml", "--processes", "two"],
-        ["posterior", "small.yaml", "--processes", "3000000000"],
-        ["calibrate", "small.yaml", "--processes", "3000000000"],
-        ["posterior", "small.yaml", "--resume", "--force"],
-        ["simulate", "small.yaml", "--seed", "-1"],
-        ["simulate", "small.yaml"],
-        ["report"],
-        ["report", "nowhere"],
-        ["report", "small.yaml"],
-        ["posterior", "small.yaml", "--output", "small.csv"],
-        ["posterior", "small.yaml", "--output", "."],
-        ["posterior", "small.yaml", "--output", ".", "--resume"],
-    ],
-    ids=" ".join,
-)
-def test_misuse_of_the_command_line_costs_nothing(
-    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    command_line.small_config(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    before = command_line.listing(tmp_path)
-    assert_a_message(command_line.cli(*arguments))
-    assert command_line.listing(tmp_path) == before
+@run_cases("command, words", command_line.REFUSALS["misuse"])
+def test_misuse_of_the_command_line_costs_nothing(command: str, words: str, here: Path) -> None:
+    command_line.small_config(here)
+    before = command_line.listing(here)
+    campaign = command_line.ROOT / "configs" / "campaign" / "shaft.yaml"
+    result = command_line.cli(
+        *(word.replace("CAMPAIGN", str(campaign)) for word in command.split())
+    )
+    assert_a_message(result)
+    assert words in result.err
+    assert command_line.listing(here) == before
 
 
 @run_cases("command", ["check", "init", "verify", "simulate"])

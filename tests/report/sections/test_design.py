@@ -1,24 +1,14 @@
 """The figure and the sentences of a designed experiment."""
 
 import dataclasses
-import re
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 from support.array_cases import two
 from support.case_tables import for_each
 from support.figure_checks import drawn
 
-from bayesdrill.design.study import DESIGNED, RECORDED, TargetOutlook
 from bayesdrill.report.scales import WIDTHS
-from bayesdrill.report.sections.design import (
-    describe_design,
-    design_figure,
-    design_table,
-    odds_sentence,
-    target_sentences,
-)
+from bayesdrill.report.sections.design import describe_design, design_figure
 
 
 def test_marks_of_equal_sds_hide_no_other_and_draws_are_explained() -> None:
@@ -49,37 +39,3 @@ def test_marks_of_equal_sds_hide_no_other_and_draws_are_explained() -> None:
     assert {*found.targets[0].usual_sds} <= {*heads}  # a sentence may name any of them
     averaged = "averaged over 8 draws of the prior, each of them a possible rig:"
     assert averaged in describe_design(dataclasses.replace(found, draws=8))
-
-
-def outlook(name: str, designed: float, **rest: Any) -> TargetOutlook:
-    """Return a target that is known to 10 %, or 4 % after the best usual waveform."""
-    return TargetOutlook(name=name, now=0.1, after={"step": 0.04, DESIGNED: designed}, **rest)
-
-
-def test_targets_that_no_waveform_shows_are_named_with_the_symmetry_and_its_remedies() -> None:
-    scaled, sensor = (("k_s", "j_1"), ("r_m",)), ("a sensor of w_2", 3.0)
-    targets = (
-        outlook("k_s", 0.1, hidden_by=scaled, remedies=(sensor,)),
-        outlook("c_m", 0.095),
-        outlook("k_e", 0.01),
-        outlook("r_m", 0.08),
-    )
-    made: Any = SimpleNamespace(targets=targets)
-    assert target_sentences(made).splitlines() == [
-        "k_s: no waveform shows it, as scaling k_s, j_1; r_m together changes no channel",
-        "  a sensor of w_2: this divides its sd by 3",
-        "c_m: hardly any waveform within these limits shows it above the noise",
-        "k_e: from 10 % to 1 %, 4 times as sharp as step, the best usual waveform for it",
-        "r_m: from 10 % to 8 %, step would be 2 times as sharp for it alone",
-    ]
-
-
-def test_log_odds_of_a_design_are_compared_with_the_best_usual_waveform() -> None:
-    odds = {RECORDED: 99.0, "step": 2.0, "prbs": 4.0, DESIGNED: 12.0}
-    made: Any = SimpleNamespace(log_odds=odds, criteria={})
-    assert "has 3 times the log odds of prbs, the best usual waveform" in odds_sentence(made)
-    made.log_odds = odds | {DESIGNED: 4.1}
-    assert "has about the log odds of prbs" in odds_sentence(made)
-    heads, row = design_table(made).splitlines()
-    shown = dict(zip(re.split("  +", heads.strip()), row.split()[2:], strict=True))
-    assert shown == {name: f"{x:.3g}" for name, x in made.log_odds.items()}
