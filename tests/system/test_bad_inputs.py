@@ -19,8 +19,6 @@ from support import command_line, forked_command
 from support.case_tables import run_cases
 
 K_E = "k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
-J_1 = "j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
-THETA_1 = "    theta_1: {column: theta_1, unit: rad, sigma: 0.05}\n"
 W_1 = "    w_1: {column: w_1, unit: rad/s, sigma: 0.05}\n"
 EXAMPLE = command_line.ROOT / "configs" / "example_ties.yaml"
 TIMES = np.arange(101) * 0.05
@@ -270,39 +268,9 @@ def test_a_config_given_with_its_folder_is_named_with_its_folder(tmp_path: Path)
 
 
 def test_all_mistakes_of_a_config_come_at_once(here: Path) -> None:
-    command_line.small_config(
-        here,
-        ("seed: 7", "seed: -7\nsampelr: {}"),
-        ("unit: s}", "unit: V}"),
-        (THETA_1, THETA_1.replace("0.05", "0")),
-        (W_1, W_1.replace("rad/s", "radd/s")),
-        ("v: 8.0", "v: 8 V"),
-        ("k_T: nominal", "k_t: nominal"),
-        ("r_m: nominal", "r_m: 1/3"),
-        ("l_m: nominal", "l_m: {prior: unifrom, low: 1, high: 2}"),
-        ("k_s: nominal", "k_s: {prior: uniform, low: 1, high: 2}"),
-        (J_1, "j_1: {prior: uniform, low: 1.5, high: 0.5, relative: true}"),
-        ("t_f: nominal", "t_f: nominal\n  t_f: 0.1"),
-        ("walkers: 8", "walkers: 9"),
-        ("map: {", "map: {method: nelder, "),
-    )
-    expected = [
-        ("seed: -7", "seed: -7"),
-        ("sampelr", "did you mean sampler?"),
-        ("time:", "unit 'V' is not a unit of s"),
-        ("    theta_1", "sigma: 0"),
-        ("    w_1", "unit 'radd/s'"),
-        ("  v:", "'8 V' is not a number"),
-        ("k_t", "did you mean k_T?"),
-        ("r_m", "write for example 0.333333"),
-        ("l_m", "did you mean uniform?"),
-        ("k_s", "is outside the prior"),
-        ("j_1", "is not below high"),
-        ("t_f: 0.1", "stands already in line"),
-        ("map:", "did you mean nelder_mead?"),
-        ("walkers: 9", "an even number"),
-    ]
-    for line, (at, words) in zip(messages(), expected, strict=True):
+    rows = command_line.REFUSALS["together"]
+    command_line.small_config(here, *((old, new) for old, new, *_ in rows))
+    for line, (*_, at, words) in zip(messages(), rows, strict=True):
         assert line.startswith(label(here, at)), line
         assert words in line
 

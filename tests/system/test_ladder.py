@@ -181,14 +181,6 @@ def test_a_gear_is_sought_next_to_the_best_of_its_grid(share: float, tmp_path: P
     assert every.tried == {ranking.GEAR: len(ranking.GEARS)}
 
 
-def test_a_search_for_a_constant_ends_where_no_value_of_its_grid_is_probable(
-    tmp_path: Path,
-) -> None:
-    every, _ = guessed(tmp_path, lambda _: 0.0, refit=lambda _: 0.9 * SURE_LOG_ODDS)
-    every._seek(ranking.GEAR, ranking.GEARS, ranking.FINEST_GEAR)
-    assert (every.tried, every.causes_by_parts) == ({}, {})
-
-
 @run_cases(
     "enough, kinds", [(math.inf, ["maxima", "alike", "hidden"]), (50.0, ["maxima", "alike"])]
 )

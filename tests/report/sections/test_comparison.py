@@ -12,11 +12,10 @@ from bayesdrill.analysis.comparison import overlay_rows
 from bayesdrill.analysis.prediction import HeldOutScore, LooScore
 from bayesdrill.inference.display_units import SI
 from bayesdrill.report.findings import Finding
-from bayesdrill.report.sections.comparison import comparison_verdict, predicted
+from bayesdrill.report.sections.comparison import predicted
 from bayesdrill.report.sections.overlay import (
     farthest,
     intervals_figure,
-    overlay_csv,
     overlay_table,
 )
 
@@ -57,9 +56,6 @@ def test_rows_of_three_runs_name_the_pair_that_is_farthest_apart_and_nominal_val
     assert [*farthest(layers, [replace(row, distance=None)])] == [
         "no unknown is shared by two of the runs"
     ]
-    gap = replace(row, places=(*row.places[:2], None))
-    lines = overlay_csv(layers, [gap]).splitlines()
-    assert [line.split(",")[2] for line in lines] == ["run", "a", "b"]
     (panel,) = intervals_figure(layers, [row], SI).axes
     marks = {x[0]: y for x, y in map(xy, panel.get_lines()) if len(x) == 2 and x[0] == x[1]}
     places = [si(panel.get_xlabel(), x) for x in marks]
@@ -81,12 +77,3 @@ def test_scores_that_cannot_be_trusted_have_a_sentence_with_the_reason() -> None
     ]
     text = [*predicted([refused])][-1]
     assert text.startswith("LOO refused for good: its noise is correlated")
-
-
-def test_a_vague_prior_that_may_have_decided_is_named_with_a_way_out() -> None:
-    models = [model("best", 0.0), model("other", -4.0, vague="c_s")]
-    text = "\n".join(comparison_verdict(models))
-    assert "VAGUE PRIORS: c_s. They are so wide" in text
-    assert "VAGUE" not in "\n".join(
-        comparison_verdict([models[0], model("other", -40.0, vague="c_s")])
-    )

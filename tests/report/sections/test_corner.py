@@ -1,7 +1,5 @@
 """The corner plot: places of draws, contours, nominal values and the MAP; logarithmic axes."""
 
-import re
-
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -10,7 +8,7 @@ from support import figure_contexts as contexts
 from support.case_tables import for_each
 from support.figure_checks import SYMBOLS, TABLE, corner_panels, displayed, mode_of, posterior, si
 
-from bayesdrill.inference.priors import LogUniform, Uniform
+from bayesdrill.inference.priors import Uniform
 from bayesdrill.report import style
 from bayesdrill.report.sections.corner import corner_figure
 
@@ -94,11 +92,3 @@ def test_panels_that_are_too_small_for_numbers_have_the_ends_of_their_axes_in_tu
         assert low < np.quantile(x, 0.1) < np.quantile(x, 0.9) < high
         assert panel.xaxis.label.get_rotation() == 90
     assert panels[1, 0].get_ylabel() == f"${symbols[1].latex}$"
-
-
-def test_a_title_of_a_small_quantity_on_a_logarithmic_axis_has_a_power_of_ten() -> None:
-    symbol, rng = SYMBOLS[0], np.random.default_rng(2)
-    draws = 3e-5 * np.exp(3.0 * rng.standard_normal((2000, 1)))
-    priors = {symbol.name: LogUniform(1e-12, 10.0)}
-    (panel,) = corner_figure(draws, displayed([symbol], {}, {}, priors)).axes
-    assert re.search(r"= \(.+\)\\,10\^\{-\d\}\$", panel.get_title("left"))
