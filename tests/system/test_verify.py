@@ -86,6 +86,10 @@ def missing_figure(rig: Path) -> None:
     (rig / "out" / "figures" / "trace.png").unlink()
 
 
+def missing_map(rig: Path) -> None:
+    (rig / "out" / "map.json").unlink()
+
+
 def foreign_figure(rig: Path) -> None:
     (rig / "out" / "figures" / "ridge.png").write_bytes(b"of another run")
 
@@ -104,6 +108,11 @@ CASES: list[tuple[Callable[[Path], None], bool, str]] = [
     (another_chain, False, "chain.h5: was changed"),
     (another_chain, True, "chain.h5: is of run "),
     (missing_figure, False, "trace.png: is missing"),
+    (
+        missing_map,
+        False,
+        "map.json: is missing; put it back, or `bayesdrill posterior CONFIG --resume",
+    ),
     (foreign_figure, False, "ridge.png: was not written by this run"),
 ]
 
