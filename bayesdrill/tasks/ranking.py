@@ -60,9 +60,7 @@ def rank(
     First come single parts and pairs of the best parts.  Then parts are added to the best
     candidate while it improves.  `submit` runs `refits.refit_candidate` in any process.
     """
-    posterior = job.problem.posterior
-    given = submit(refit_candidate, posterior, maximum, -math.inf).result()
-    ranking = Ranking(job, maximum, given, submit, report)
+    ranking = Ranking(job, maximum, submit, report)
     return ranking.causes(), ranking.maxima
 
 
@@ -74,15 +72,13 @@ def rank_scales(
     The result is None if wider priors gain too little, or if no such factor is recommended.
     """
     # The search for `maximum` found no higher maximum, so no other start is needed.
-    posterior, starts = job.problem.posterior, [maximum]
-    given = submit(refit_candidate, posterior, maximum, -math.inf, starts=starts).result()
-    ranking = Ranking(job, maximum, given, submit, report)
+    ranking = Ranking(job, maximum, submit, report, starts=[maximum])
     widened = tuple(name for name in ranking.models.changes if name.startswith(WIDENED))
     ranking.refit_all(ranking.models.rungs([widened] if widened else []), maximum)
     if not ranking.causes_by_parts or ranking.causes_by_parts[widened].gain < SURE_LOG_ODDS:
         return None
     ranking.refit_scales()
-    causes = Causes(given=given.fit, ranked=ranking.ranked(), left_out=ranking.left_out)
+    causes = Causes(given=ranking.given.fit, ranked=ranking.ranked(), left_out=ranking.left_out)
     return causes if causes.best and causes.best.off_by_a_factor else None
 
 
@@ -90,17 +86,17 @@ def rank_scales(
 class Ranking:
     """A ranking refits candidate models, and keeps the results.
 
-    `given` is the refit of the given config, `causes_by_parts` has the refitted candidates, and
-    `maxima` their maxima.  `left_out` has reasons why other candidates could not be refitted.
-    `tried` has the number of values that were tried for a constant, and `evaluations` is the
-    total of all refits.  `untried` describes combinations skipped because of `MOST_EVALUATIONS`.
+    `given` is the refit of the given config from `starts`, `causes_by_parts` has the refitted
+    candidates, and `maxima` their maxima.  `left_out` has reasons why other candidates could not be
+    refitted. `tried` has the number of values that were tried for a constant, and `evaluations` is
+    the total of all refits.  `untried` describes combinations skipped because of `MOST_EVALUATIONS`.
     """
 
     job: Job
     maximum: Mapping[str, float]
-    given: RefitMaximum
     submit: Submit
     report: Reporter
+    starts: Sequence[Mapping[str, float]] = ()
     causes_by_parts: dict[tuple[str, ...], Cause] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
     maxima: dict[tuple[str, ...], RefitMaximum] = field(default_factory=dict)
@@ -109,7 +105,9 @@ class Ranking:
     untried: dict[frozenset[str], str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        posterior = self.job.problem.posterior
+        posterior, least, starts = self.job.problem.posterior, -math.inf, self.starts
+        given = self.submit(refit_candidate, posterior, self.maximum, least, starts=starts)
+        self.given: RefitMaximum = given.result()
         models = CandidateModels.from_job(self.job, self.maximum)
         self.roles = {unknown.name: unknown.role for unknown in posterior.space.unknowns}
         ends = self.given.at_ends.items()

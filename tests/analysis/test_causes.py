@@ -14,7 +14,6 @@ from support.unexplained_records import amended, causes_of, fits, try_only, writ
 
 import bayesdrill as bd
 from bayesdrill.analysis.causes import Cause, Causes
-from bayesdrill.analysis.refits import refit_candidate
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.report.sections.causes import describe_causes, lacking, wandering
 from bayesdrill.rig.models.roles import usual_roles
@@ -177,14 +176,14 @@ def test_a_rig_that_changes_shows_from_window_to_window(tmp_path: Path) -> None:
     case = bd.load(rig(tmp_path, supply_drifts_to=1.4))
     mode = case.find_map(quick=True).mode
     job = case.job.with_steps_at(mode)
-    given = refit_candidate(job.problem.posterior, mode.values, -np.inf)
     with WorkerPool(job.problem.posterior, 1) as pool:
-        windows = Ranking(job, mode.values, given, pool.submit_function, SILENT)._windows()
+        ranking = Ranking(job, mode.values, pool.submit_function, SILENT)
+        windows = ranking._windows()
     values = [one.value for window in windows for one in window if one.name == "k_e"]
     expected = NOMINAL["k_e"] * (1.0 + 0.4 * (np.arange(WINDOWS) + 0.5) / WINDOWS)
     assert values == sorted(values)  # as much voltage for less speed
     assert values == pytest.approx(expected, rel=0.05)
-    causes = Causes(given=given.fit, ranked=(), windows=windows)
+    causes = Causes(given=ranking.given.fit, ranked=(), windows=windows)
     assert "k_e from " in wandering(causes)
 
 

@@ -8,8 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ruamel.yaml import YAML
 
 type Test = Callable[..., None]
+
+
+def read_table(name: str) -> Any:
+    """Read a table of cases; its name is that of a YAML file below `tests`."""
+    return YAML(typ="safe").load(Path(__file__).parents[1] / name)
 
 
 def slow_except(quick: Collection[Any], cases: Iterable[Any]) -> list[Any]:

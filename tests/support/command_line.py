@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 import typer
-from ruamel.yaml import YAML
+from support.case_tables import read_table
 from typer.testing import CliRunner
 
 import bayesdrill.cli
@@ -32,7 +32,7 @@ CONFIGS = Path(__file__).parent / "configs"  # tests change them by replacements
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 SMALL = (CONFIGS / "small.yaml").read_text(encoding="utf-8")
-REFUSALS = YAML(typ="safe").load(ROOT / "tests" / "system" / "refusals.yaml")
+REFUSALS = read_table("system/refusals.yaml")
 
 
 @dataclass(frozen=True)

@@ -13,17 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse
-from ruamel.yaml import YAML
 from scipy.io import savemat
 from support import command_line, forked_command
-from support.case_tables import run_cases
+from support.case_tables import read_table, run_cases
 
 K_E = "k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
 W_1 = "    w_1: {column: w_1, unit: rad/s, sigma: 0.05}\n"
 EXAMPLE = command_line.ROOT / "configs" / "example_ties.yaml"
 TIMES = np.arange(101) * 0.05
 SECONDS = 15.0  # more than any config takes to be read
-CASES: list[dict[str, Any]] = YAML(typ="safe").load(Path(__file__).with_name("bad_inputs.yaml"))
+CASES: list[dict[str, Any]] = read_table("system/bad_inputs.yaml")
 
 type Lines = list[str]
 

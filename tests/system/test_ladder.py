@@ -119,7 +119,7 @@ def guessed(
         return future
 
     start = job.problem.posterior.space.start
-    return Guessing(job, start, template, submit, Silent()), rivals
+    return Guessing(job, start, submit, Silent()), rivals
 
 
 def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Path) -> None:
