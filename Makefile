@@ -111,7 +111,7 @@ baseline: $(READY)
 	@$(BIN)/python -m benchmarks.baseline $(ARGS)
 
 mutants: $(READY)
-	@$(BIN)/python tests/mutants.py --processes 2 $(ARGS)
+	@$(BIN)/python benchmarks/mutants.py --processes 2 $(ARGS)
 
 attack: $(READY)
 	@BAYESDRILL_ATTACK=$(SECONDS) $(BIN)/python -m pytest -m slow -q -s benchmarks/attack

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.case_tables import slow_except
-from support.command_line import ROOT
+from support.command_line import CONFIGS, ROOT
 from support.missing_physics import SIGMA, T, record
 from support.scipy_oracles import NOMINAL
 from support.unexplained_records import amended, causes_of, fits, try_only, write
@@ -21,21 +21,7 @@ from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import ranking
 from bayesdrill.tasks.ranking import WINDOWS, Ranking
 
-CONFIG = """\
-name: rig
-seed: 4
-record:
-  file: record.csv
-  time: {column: t, unit: s}
-  channels:
-    alpha: {column: alpha, unit: rad, measures: theta_1 - theta_2, sigma: SIGMA_0}
-    w_2: {column: w_2, unit: rad/s, sigma: SIGMA_1}
-inputs: {v: {column: v, unit: V}}
-model: {name: motor_shaft}
-nominal: tables_2_3
-parameters: {j_m: BOX, c_m: BOX, k_e: BOX, k_s: BOX, j_1: BOX, k_T: nominal, r_m: nominal,
-  l_m: nominal, t_f: 1.0e-3ADDED}
-"""
+CONFIG = (CONFIGS / "unexplained.yaml").read_text(encoding="utf-8")
 BOX = "{prior: uniform, low: 0.3, high: 3, relative: true}"
 
 
@@ -201,23 +187,7 @@ def test_a_rig_that_changes_shows_from_window_to_window(tmp_path: Path) -> None:
     assert "k_e from " in wandering(causes)
 
 
-SHAFT = """\
-name: shaft
-seed: 4
-record:
-  file: record.csv
-  time: {column: t, unit: s}
-  channels: {w_1: {column: bit, unit: rad/s, sigma: 0.1}}
-inputs:
-  w_2: {column: top, unit: rad/s}
-  t_1: {column: torque, unit: N*m}
-initial: {w_1: 9.0, theta_1: -0.4}
-model: {name: driven_shaft}
-parameters:
-  k_s: {prior: log_normal, median: 4.1, sd_log: 0.5}
-  j_1: {prior: log_normal, median: 0.008, sd_log: 0.5}
-  c_s: {prior: log_normal, median: 0.02, sd_log: 0.5}
-"""
+SHAFT = (CONFIGS / "late_shaft.yaml").read_text(encoding="utf-8")
 
 
 def shaft(folder: Path, late: int) -> Path:

@@ -36,9 +36,6 @@ def message_of(error: EntryError, location: Location) -> str:
             return f"{_shown(value)} stands where `key: value` entries are wanted"
         case "union_tag_invalid" | "literal_error":
             tag = context.get("tag", value)
-            if kind == "literal_error" and location[0] == "parameters":
-                hint = _hint(value)
-                return f"{_shown(value)} is neither a number, nor `nominal`, nor a prior{hint}"
             return f"'{tag}' is not possible{did_you_mean(str(tag), _known(error))}"
         case "float_type" | "int_type" | "int_from_float":
             adjective = "whole " if kind.startswith("int") else ""

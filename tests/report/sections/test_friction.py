@@ -112,6 +112,8 @@ def test_numbers_of_steps_are_said_to_be_enough_or_too_few() -> None:
         "steps: 2 steps to a sample; 16 times as many would move samples by at most 0.03 of the noise "
         "(w_1 0.03, alpha 0.004). That is harmless."
     )
+    both = [fine, dataclasses.replace(fine, label="b", errors=(0.01, 0.04))]
+    assert "a sample in b, the worst of 2 experiments; " in step_sentences(both)
     few = StepError(label="slow", channels=("w_1",), pieces=1, errors=(0.45,))
     sentences = step_sentences([few])
     assert sentences.startswith("steps: TOO FEW: one step to a sample in slow; ")
