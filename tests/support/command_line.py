@@ -111,7 +111,7 @@ def _hear_all_signals() -> None:
 
 
 def run_process(*arguments: str | Path, cwd: Path, seconds: float = 60) -> CommandResult:
-    """Return what `python -m bayesdrill ...` printed, without the lines that only a slow machine gets."""
+    """Return what `python -m bayesdrill ...` printed, without lines that only slow machines get."""
     process = start_process(*arguments, cwd=cwd)
     out, err = process.communicate(timeout=seconds)
     return CommandResult(process.returncode, out, STILL_WORKING.sub("", err))
