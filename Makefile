@@ -69,7 +69,7 @@ docs: $(DOCS_READY)
 	@echo "site: $(SITE)/index.html"
 
 test: $(READY)
-	@$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile --no-loadscope-reorder --durations=20
+	@$(BIN)/python -m pytest -m "not slow" --ignore=benchmarks/attack -n 2 --dist loadfile --no-loadscope-reorder --durations=20
 
 test-fast: $(READY)
 	@$(BIN)/python -m pytest -q -m "not slow" $(FAST)
@@ -111,7 +111,7 @@ baseline: $(READY)
 	@$(BIN)/python -m benchmarks.baseline $(ARGS)
 
 mutants: $(READY)
-	@$(BIN)/python tests/mutants.py --processes 2 $(ARGS)
+	@$(BIN)/python benchmarks/mutants.py --processes 2 $(ARGS)
 
 attack: $(READY)
 	@BAYESDRILL_ATTACK=$(SECONDS) $(BIN)/python -m pytest -m slow -q -s benchmarks/attack

@@ -12,7 +12,6 @@ from bayesdrill.basics.errors import short_of_memory
 
 def main() -> None:
     """Run the command line."""
-    sys.modules["dask"] = None  # type: ignore[assignment]  # spares xarray an import of 0.5 s
     atexit.register(gc.freeze)  # no search for reference cycles when the process ends
     # Until a command begins there is nothing to save or report, so Ctrl-C simply ends the process.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:

@@ -12,6 +12,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from html import escape
 from pathlib import Path
 
@@ -59,14 +60,15 @@ def _title(module: str) -> str:
     return module.removesuffix(".py") + ("" if module.endswith(".py") else "/")
 
 
-def _folders(file: Path) -> set[str]:
+@cache
+def _folders(file: Path) -> frozenset[str]:
     found = set()
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("bayesdrill."):
             found.add((node.module or "").split(".")[1])
         elif isinstance(node, ast.ImportFrom) and node.module == "bayesdrill":
             found |= {alias.name for alias in node.names if not alias.name.startswith("_")}
-    return found
+    return frozenset(found)
 
 
 def drawn(found: Sequence[Floor]) -> str:

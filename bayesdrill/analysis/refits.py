@@ -122,8 +122,7 @@ def refit_candidate(
     and variance of their channel.  Those at the beginning may instead be a constant with noise.
     """
     started = time.perf_counter()
-    space, coordinates = posterior.space, posterior.coordinates
-    surface = CountingDensity(posterior)
+    surface, coordinates = CountingDensity(posterior), posterior.coordinates
     physical = _starts(posterior, initial, single, starts)
     rows = np.clip(coordinates.from_physical(physical), surface.low, surface.high)
     hopeful = not single or _can_reach(surface, rows[:1], records, rival)
@@ -150,6 +149,28 @@ def refit_candidate(
     u, heights = top.u[order], top.value[order]
     if not np.isfinite(heights[0]):
         return None
+    finished = bool(promising and heights[0] >= needed)
+    clock = started, seconds
+    return _summarise(surface, u, heights, initial, records, clock, finished=finished)
+
+
+def _summarise(
+    surface: CountingDensity,
+    u: Array,
+    heights: Array,
+    initial: Mapping[str, float],
+    records: Records,
+    clock: tuple[float, float],
+    *,
+    finished: bool,
+) -> RefitMaximum:
+    """Summarise the highest of the maxima `u (W, D)`, whose log densities `heights (W,)` descend.
+
+    The `clock` has the time at which the refit started, and the seconds of one evaluation.
+    """
+    started, seconds = clock
+    posterior = surface.posterior
+    space, coordinates = posterior.space, posterior.coordinates
     theta = coordinates.to_physical(u[:1])[0]
     log_z, covariance = _laplace(posterior, u[:1])
     own_sds = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
@@ -178,7 +199,7 @@ def refit_candidate(
         duration=time.perf_counter() - started,
         evaluations=surface.evaluations,
         omitted=1.0 - samples[0] / max(samples),
-        is_finished=bool(promising and heights[0] >= needed),
+        is_finished=finished,
     )
 
 

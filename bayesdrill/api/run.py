@@ -31,7 +31,7 @@ from bayesdrill.report.view import Drawing, ReportContext
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.workers import ONE_THREAD, WorkerPool
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import conclusions, find_map, pipeline
 from bayesdrill.tasks.conclusions import SampledRun
 
@@ -130,12 +130,10 @@ class Best(Value):
             The models, the recommended model first; empty if the residuals look like the noise.
         """
         workers, job = arguments.workers(processes), self.job.with_steps_at(self.mode)
-        with ONE_THREAD:
-            residuals = conclusions.residuals(job, self.mode)
-        if all(channel.like_noise for channel in residuals):
+        if not self._report.warning:
             workers = 1  # after a good fit few models are tried, faster than workers start
         with WorkerPool(self.job.problem.posterior, workers) as pool:
-            how = job, self.mode, residuals, pool.submit_function, report or SILENT
+            how = job, self.mode, self._report.residuals, pool.submit_function, report or SILENT
             causes = conclusions.causes(*how)
         ranked, best = ((), None) if causes is None else (causes.ranked, causes.best)
         return Candidates(ranked, describe_causes(causes), best, self.job)

@@ -69,11 +69,12 @@ def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
         drives=drives,  # type: ignore[arg-type]
         motion="linear" if linear else "rotary",
     )
-    damped = [f"c_{name}" for name in (*inertias, *shafts)]
+    named = [f"c_{name}" for name in (*inertias, *shafts)]
+    named += [m.inductance for m in plain.roles.motors if m.current in channels]
     return SensorRoles(
         channels=(*channels.values(),),
         inputs=inputs,
-        rig=with_named(plain, damped),
+        rig=with_named(plain, named),
         train=plain,
         gear=1.0,
         gear_reason="",

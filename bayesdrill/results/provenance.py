@@ -10,7 +10,6 @@ import hashlib
 from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +46,7 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
     posterior, sampler = problem.posterior, config.sampler
     space = posterior.space
     search = {f"map.{name}": repr(value) for name, value in config.map}
+    versions = installed_versions()
     return {
         **_of_experiments(problem),
         "the model": _model(problem.model),
@@ -61,7 +61,7 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
         "sampler.moves": repr(dict(sorted(sampler.moves.items()))),
         "the seed": str(config.seed),
         f"{VERSION_OF}bayesdrill": bayesdrill.__version__,
-        **{f"{VERSION_OF}{name}": version(name) for name in DECISIVE},
+        **{f"{VERSION_OF}{name}": versions[name] for name in DECISIVE},
     }
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Future
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -54,25 +53,26 @@ def concluded(
     seconds: Mapping[str, float] | None = None,
     *,
     is_single: bool = True,
-    explained: Future[Causes | None] | None = None,
+    explain: Callable[..., Causes | None] | None = None,
     map_each: MapEach = map,
 ) -> ReportContext:
     """Return the context of a run's report, which analyses the chain at first use.
 
     `scenery` is the sensitivity study of the job's likelihood, if one exists.  If the run is
     `is_single` (not one of several candidates), changes of the rig are tried before a nominal table is
-    judged wrong.  `explained` is the future of causes of a bad fit, if their search has begun.
+    judged wrong.  `explain` replaces the search of `causes`, if it is already done.
     """
     job = run.job
     chain = RunDraws(job.problem, run.mode, run.sampled, job.config.seed)
-    evaluate = partial(_analysis, run, scenery, explained, map_each, is_single=is_single)
+    explain = explain or partial(causes, job, run.mode)
+    evaluate = partial(_analysis, run, scenery, explain, map_each, is_single=is_single)
     return ReportContext(chain, job.config, evaluate, seconds or {})
 
 
 def _analysis(
     run: SampledRun,
     scenery: SensitivityStudy | None,
-    explained: Future[Causes | None] | None,
+    explain: Callable[..., Causes | None],
     map_each: MapEach,
     chain: RunDraws,
     *,
@@ -81,10 +81,7 @@ def _analysis(
     if run.stored is not None:
         return run.stored
     scenery = scenery or SensitivityStudy(run.job.problem.posterior.likelihood)
-    if explained is None:
-        ranked = causes(run.job, run.mode, chain.fit) if is_single else None
-    else:
-        ranked = explained.result()
+    ranked = explain(chain.fit) if is_single else None
     settings = run.job.config.identify
     return analyse(chain, settings, scenery, map_each, is_single=is_single, explained=ranked)
 

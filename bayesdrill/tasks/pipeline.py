@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
 import time
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -123,11 +121,10 @@ def _run(
     job: Job, folder: Folder, mode: Mode | None, processes: int, report: Reporter, details: Reporter
 ) -> Outcome:
     clock = [time.perf_counter()]
-    # Threads load modules for sampling and report and wait for refits, while this process computes.
-    # Each thread builds its own simulators, since two threads must not share a simulator.
-    with ThreadPoolExecutor(2) as threads, WorkerPool(job.problem.posterior, processes) as pool:
+    # A thread loads modules for sampling and report, while workers compute.
+    with ThreadPoolExecutor(1) as thread, WorkerPool(job.problem.posterior, processes) as pool:
         if not pool.in_process:
-            threads.submit(list, map(importlib.import_module, LOADED_LATE))
+            thread.submit(list, map(importlib.import_module, LOADED_LATE))
         searches = None if mode else begin_searches(pool, find_map.fit_plan(job), report)
         # While workers search the MAP, this process identifies what the record can determine.
         study = SensitivityStudy(job.problem.posterior.likelihood)
@@ -141,35 +138,26 @@ def _run(
         left = residuals(job, mode)
         if misfit := find_map.misfit(left, job.problem.clock):
             report.say(misfit)
-        fits = all(channel.like_noise for channel in left)
-        submit = pool.submit_function if pool.in_process else threads.submit
-        said = SILENT if fits and not pool.in_process else report
-        explained = submit(causes, job, mode, left, pool.submit_function, said)
-        if not fits:  # causes of a bad fit are reported before sampling
-            _say_causes(explained, report)
+        # Causes are reported before sampling, so that the user can stop a useless run.
+        explained = causes(job, mode, left, pool.submit_function, report)
+        if explained is not None:
+            report.say(describe_causes(explained))
         pool.set_steps(mode.pieces)
         if mode.pieces:
             study = SensitivityStudy(job.problem.posterior.likelihood)
         clock.append(time.perf_counter())
         sampled = _sample(job, pool, mode, folder, report)
         # Workers draw figures while this process computes the evidence.
-        view = concluded(SampledRun(job, mode, sampled), study, explained=explained)
+        run = SampledRun(job, mode, sampled)
+        view = concluded(run, study, explain=lambda _: explained, map_each=pool.map_each)
         figures = publish.begin_figures(view, folder, pool, report)
         sampled = weigh(pool, sampled, find_map.fit_plan(job), report)
         clock.append(time.perf_counter())
         _finish_chain(job, folder, sampled)
-        if fits:
-            _say_causes(explained, report)
         searching, sampling = (round(end - start, 3) for start, end in pairwise(clock))
         seconds = {"map": searching, "sampling": sampling}
-        run = SampledRun(job, mode, sampled)
-        view = concluded(run, study, seconds, explained=explained, map_each=pool.map_each)
+        view = replace(view, chain=replace(view.chain, sampled=sampled), seconds=seconds)
         return _publish(job, folder, view, figures, report, clock[-1])
-
-
-def _say_causes(explained: Future[Any], report: Reporter) -> None:
-    if (ranked := explained.result()) is not None:
-        report.say(describe_causes(ranked))
 
 
 def republish(
@@ -240,7 +228,7 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
     again = ensembles.load_sampled(posterior, plan(job.config), folder.segments, str(path))
     record = run_entries.read_record(run_folder.read_run(path) or {}, path)
     if record is not None:
-        again = dataclasses.replace(
+        again = replace(
             again.with_missed(record.missed),
             mode_shares=np.array(shares) if (shares := [x.weight for x in record.maxima]) else None,
             evidence=record.evidence,

@@ -60,9 +60,7 @@ def rank(
     First come single parts and pairs of the best parts.  Then parts are added to the best
     candidate while it improves.  `submit` runs `refits.refit_candidate` in any process.
     """
-    posterior = job.problem.posterior
-    given = submit(refit_candidate, posterior, maximum, -math.inf).result()
-    ranking = Ranking(job, maximum, given, submit, report)
+    ranking = Ranking(job, maximum, submit, report)
     return ranking.causes(), ranking.maxima
 
 
@@ -74,15 +72,15 @@ def rank_scales(
     The result is None if wider priors gain too little, or if no such factor is recommended.
     """
     # The search for `maximum` found no higher maximum, so no other start is needed.
-    posterior, starts = job.problem.posterior, [maximum]
-    given = submit(refit_candidate, posterior, maximum, -math.inf, starts=starts).result()
-    ranking = Ranking(job, maximum, given, submit, report)
+    ranking = Ranking(job, maximum, submit, report, starts=[maximum])
     widened = tuple(name for name in ranking.models.changes if name.startswith(WIDENED))
     ranking.refit_all(ranking.models.rungs([widened] if widened else []), maximum)
     if not ranking.causes_by_parts or ranking.causes_by_parts[widened].gain < SURE_LOG_ODDS:
         return None
     ranking.refit_scales()
-    causes = Causes(given=given.residuals, ranked=ranking.ranked(), left_out=ranking.left_out)
+    causes = Causes(
+        given=ranking.base.residuals, ranked=ranking.ranked(), left_out=ranking.left_out
+    )
     return causes if causes.best and causes.best.off_by_a_factor else None
 
 
@@ -90,17 +88,18 @@ def rank_scales(
 class Ranking:
     """A ranking refits candidate models, and keeps the results.
 
-    `base` is the refit of the given config, `causes_by_parts` has the refitted candidates, and
-    `maxima` their maxima.  `left_out` has reasons why other candidates could not be refitted.
-    `value_counts` has the number of values that were tried for a constant, and `evaluations` is the
-    total of all refits.  `skipped` describes combinations skipped because of `MOST_EVALUATIONS`.
+    `base` is the refit of the given config from `starts`, `causes_by_parts` has the refitted
+    candidates, and `maxima` their maxima.  `left_out` has reasons why other candidates could not be
+    refitted.  `value_counts` has the number of values that were tried for a constant, and
+    `evaluations` is the total of all refits.  `skipped` describes combinations skipped because of
+    `MOST_EVALUATIONS`.
     """
 
     job: Job
     maximum: Mapping[str, float]
-    base: RefitMaximum
     submit: Submit
     report: Reporter
+    starts: Sequence[Mapping[str, float]] = ()
     causes_by_parts: dict[tuple[str, ...], Cause] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
     maxima: dict[tuple[str, ...], RefitMaximum] = field(default_factory=dict)
@@ -109,7 +108,9 @@ class Ranking:
     skipped: dict[frozenset[str], str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        posterior = self.job.problem.posterior
+        posterior, least, starts = self.job.problem.posterior, -math.inf, self.starts
+        base = self.submit(refit_candidate, posterior, self.maximum, least, starts=starts)
+        self.base: RefitMaximum = base.result()
         models = CandidateModels.from_job(self.job, self.maximum)
         self.roles = {unknown.name: unknown.role for unknown in posterior.space.unknowns}
         ends = self.base.at_ends.items()

@@ -7,7 +7,6 @@ import functools
 import logging
 import pickle
 import re
-import sys
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -50,8 +49,6 @@ def _nothing() -> None:
 @contextmanager
 def dask_executor(scheduler: str) -> Iterator[RefitExecutor]:
     """Yield the workers of a `scheduler` (tcp://host:8786); raises `InputError` without workers."""
-    if sys.modules.get("dask", sys) is None:  # `__main__` hides dask from xarray
-        del sys.modules["dask"]
     try:
         from distributed import Client
     except ImportError:

@@ -1,1 +1,1 @@
-"""Malformed configs, records, results and command lines, at random (`make attack`)."""
+"""Malformed configs, records, results and command lines, at random, and kills (`make attack`)."""

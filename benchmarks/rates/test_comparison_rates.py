@@ -40,6 +40,7 @@ def test_one_record_of_each_kind_is_judged_rightly(kind: Kind) -> None:
     assert named(kind, 1) == 1
 
 
+@pytest.mark.slow
 def test_the_misfit_is_as_large_as_the_bench_says() -> None:
     """The size is what the best fit of the given config leaves, relative to the noise."""
     for kind in KINDS[1:3]:

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from support.case_tables import slow_except
-from support.command_line import ROOT
+from support.command_line import CONFIGS, ROOT
 from support.missing_physics import SIGMA, T, record
 from support.scipy_oracles import NOMINAL
 from support.unexplained_records import amended, causes_of, fits, try_only, write
 
 import bayesdrill as bd
 from bayesdrill.analysis.causes import Cause, Causes
-from bayesdrill.analysis.refits import refit_candidate
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.report.sections.causes import describe_causes, lacking, wandering
 from bayesdrill.rig.models.roles import usual_roles
@@ -22,21 +21,7 @@ from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import ranking
 from bayesdrill.tasks.ranking import WINDOWS, Ranking
 
-CONFIG = """\
-name: rig
-seed: 4
-record:
-  file: record.csv
-  time: {column: t, unit: s}
-  channels:
-    alpha: {column: alpha, unit: rad, measures: theta_1 - theta_2, sigma: SIGMA_0}
-    w_2: {column: w_2, unit: rad/s, sigma: SIGMA_1}
-inputs: {v: {column: v, unit: V}}
-model: {name: motor_shaft}
-nominal: tables_2_3
-parameters: {j_m: BOX, c_m: BOX, k_e: BOX, k_s: BOX, j_1: BOX, k_T: nominal, r_m: nominal,
-  l_m: nominal, t_f: 1.0e-3ADDED}
-"""
+CONFIG = (CONFIGS / "unexplained.yaml").read_text(encoding="utf-8")
 BOX = "{prior: uniform, low: 0.3, high: 3, relative: true}"
 
 
@@ -191,34 +176,18 @@ def test_a_rig_that_changes_shows_from_window_to_window(tmp_path: Path) -> None:
     case = bd.load(rig(tmp_path, supply_drifts_to=1.4))
     mode = case.find_map(quick=True).mode
     job = case.job.with_steps_at(mode)
-    given = refit_candidate(job.problem.posterior, mode.values, -np.inf)
     with WorkerPool(job.problem.posterior, 1) as pool:
-        windows = Ranking(job, mode.values, given, pool.submit_function, SILENT)._windows()
+        ranking = Ranking(job, mode.values, pool.submit_function, SILENT)
+        windows = ranking._windows()
     values = [one.value for window in windows for one in window if one.name == "k_e"]
     expected = NOMINAL["k_e"] * (1.0 + 0.4 * (np.arange(WINDOWS) + 0.5) / WINDOWS)
     assert values == sorted(values)  # as much voltage for less speed
     assert values == pytest.approx(expected, rel=0.05)
-    causes = Causes(given=given.residuals, ranked=(), windows=windows)
+    causes = Causes(given=ranking.base.residuals, ranked=(), windows=windows)
     assert "k_e from " in wandering(causes)
 
 
-SHAFT = """\
-name: shaft
-seed: 4
-record:
-  file: record.csv
-  time: {column: t, unit: s}
-  channels: {w_1: {column: bit, unit: rad/s, sigma: 0.1}}
-inputs:
-  w_2: {column: top, unit: rad/s}
-  t_1: {column: torque, unit: N*m}
-initial: {w_1: 9.0, theta_1: -0.4}
-model: {name: driven_shaft}
-parameters:
-  k_s: {prior: log_normal, median: 4.1, sd_log: 0.5}
-  j_1: {prior: log_normal, median: 0.008, sd_log: 0.5}
-  c_s: {prior: log_normal, median: 0.02, sd_log: 0.5}
-"""
+SHAFT = (CONFIGS / "late_shaft.yaml").read_text(encoding="utf-8")
 
 
 def shaft(folder: Path, late: int) -> Path:

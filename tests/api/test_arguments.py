@@ -172,6 +172,8 @@ NUMBERS: dict[str, tuple[Callable[..., Any], str, tuple[Any, ...]]] = {
     "ratio": (bd.MotorShaft, "i_m", (math.nan, math.inf, 8, -1, HUGE)),
     "ratio of two rotors": (bd.TwoRotors, "i_m", (math.nan, math.inf, 8, -1, HUGE)),
     "elements": (bd.LongShaft, "elements", (2.5,)),
+    "models of a ladder": (lambda **x: bd.ladder("nowhere.yaml", **x), "sample", (-1, 1, 10**9)),
+    "files of a draft": (bd.init, "record", ([],)),
 }  # fmt: skip
 
 

@@ -76,6 +76,7 @@ def test_only_formulas_of_a_positive_form_are_taken_for_positive() -> None:
         ("__import__('os').system('x')", "cannot stand"),
         ("d.real", "cannot stand"),
         ("True*d", "cannot stand"),
+        ("d*1e999", "not a formula"),
         ("(" * 300 + "d" + ")" * 300, "not a formula"),
         ("", "not a formula"),
     ],

@@ -2,13 +2,19 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from support.case_tables import run_cases
 from support.simulated_campaigns import BRIEF, SimulatedRuns, interim_posterior, normal_runs
 
 from bayesdrill.basics.json_records import as_data, from_data
 from bayesdrill.basics.progress import SILENT
+from bayesdrill.basics.symbols import PARAMETERS
+from bayesdrill.campaigns.charts import runs_figure
+from bayesdrill.campaigns.conclusion import CampaignRecord, concluded
 from bayesdrill.campaigns.draws import FittedRun
 from bayesdrill.campaigns.fit import PopulationFit, fit_population
 from bayesdrill.campaigns.population import NominalRange, PopulationSettings
@@ -165,3 +171,67 @@ def test_a_foreign_run_among_twelve_is_flagged_and_widens_the_spread_little() ->
     fit = fit_population(draws, replace(SETTINGS, max_sweeps=few), rng, SILENT)
     assert [run.name for run in fit.runs if run.outlier] == ["run 11"]
     assert fit.populations[1].spread.mean < 0.025
+
+
+def conclude(fit: PopulationFit, **given: Any) -> CampaignRecord:
+    empty = {name: {} for name in ("left_out", "not_used", "doubts", "misfit", "reasons")}
+    return concluded("rig", "mark", fit, **empty | given)
+
+
+def test_a_jump_is_an_alarm_and_a_finding_with_its_run_and_interval() -> None:
+    fit = fit_of_three_rigs()
+    (change,) = fit.charts[0].history.changes
+    record = conclude(fit, not_used={"run 99": "no samples"})
+    (history,) = record.history
+    size = f"{100 * np.expm1(change.size):+.2g} % +- {100 * change.size_sd:.2g} %"
+    assert history.startswith(f"p0 changes by {size} at {fit.timed[change.run]} (probability ")
+    assert history.endswith(f"interval {fit.timed[change.first]} to {fit.timed[change.last]})")
+    assert [(alarm.kind, alarm.run, alarm.product) for alarm in record.alarms] == [
+        ("not used", "run 99", ""), ("changes", "", "p0")
+    ]  # fmt: skip
+    assert (
+        record.verdict
+        == f"60 runs: {history.split(' (')[0]}; all runs belong together; not used: run 99"
+    )
+
+
+@run_cases("kind, words", [("drift", "p0 drifts by +"), ("walk", "p0 wanders by about ")])
+def test_a_drift_and_a_random_walk_are_named_with_their_size(kind: str, words: str) -> None:
+    fit = fit_of_three_rigs()
+    history = replace(fit.charts[0].history, probabilities={kind: 0.97, "changes": 0.03}, drift=0.1)
+    (said,) = conclude(replace(fit, charts=(replace(fit.charts[0], history=history),))).history
+    assert said.startswith(words)
+    assert said.endswith("(probability 97 %)")
+
+
+def test_outliers_are_named_with_the_first_known_reason_and_tables_that_disagree() -> None:
+    fit = sound_fit()
+    foreign = replace(fit.runs[2], outlier=True, worst="p1", sds=6.2)
+    fit = replace(fit, runs=(*fit.runs[:2], foreign, *fit.runs[3:]))
+    (alarm,) = conclude(fit, misfit={foreign.name: ("it follows no law", "a gear")}).outliers
+    assert alarm.sentence == "run 2 is 6.2 sds off in p1; it follows no law"
+    record = conclude(fit, reasons={foreign.name: "a gear of 7:1"}, misfit={foreign.name: ("odd",)})
+    assert record.outliers[0].sentence.endswith("; a gear of 7:1")
+    steady = "too few runs have a time, so drifts are not searched"
+    assert record.verdict == (
+        f"40 runs: {steady}; run 2 does not belong; the nominal values disagree in p1"
+    )
+
+
+@run_cases("timed", [True, False])
+def test_runs_are_drawn_over_time_relative_to_the_level_at_the_end(timed: bool) -> None:
+    """Without times they are numbered; those that do not belong have a mark of their own."""
+    fit = fit_of_three_rigs() if timed else sound_fit()
+    fit = replace(fit, runs=(replace(fit.runs[0], outlier=not timed), *fit.runs[1:]))
+    runs = [SimpleNamespace(name=run.name, time=3600.0 * k if timed else None)
+            for k, run in enumerate(fit.runs)]  # fmt: skip
+    plan: Any = SimpleNamespace(runs=runs, spec=SimpleNamespace(time_unit="h"))
+    symbols = [PARAMETERS[name] for name in ("k_s", "j_1")]
+    figure, points = runs_figure(plan, fit, [(1, 0), (1, -1)], symbols)
+    first, last = points[0], points[len(runs) - 1]
+    assert (first.x, last.x) == ((0.0, 59.0) if timed else (1.0, 40.0))
+    shown = fit.runs[-1].shrunk[0] - fit.populations[0].centre.mean
+    assert last.y == pytest.approx(100 * np.expm1(shown))
+    texts = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert ("does not belong" in texts, "nominal value" in texts) == (not timed, not timed)
+    assert {panel.get_xlabel() for panel in figure.axes} <= {"time [h]" if timed else "run", ""}

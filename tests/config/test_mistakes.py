@@ -6,17 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ruamel.yaml import YAML
 from support import command_line, config_texts, described_rigs, two_experiments
-from support.case_tables import for_each
+from support.case_tables import for_each, read_table
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 
-MISTAKES: dict[str, dict[str, dict[str, Any]]] = YAML(typ="safe").load(
-    Path(__file__).with_name("mistakes.yaml")
-)
+MISTAKES: dict[str, dict[str, dict[str, Any]]] = read_table("config/mistakes.yaml")
 
 
 def pair(folder: Path, *changes: tuple[str, str]) -> None:

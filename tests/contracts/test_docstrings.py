@@ -17,27 +17,7 @@ basics 3 0, inference 3 0, report 3 0, results 3 0, rig 3 0, sampling 3 0, selec
 """
 LIMITS = {row.split()[0]: [int(limit) for limit in row.split()[1:]] for row in ROWS.split(",")}
 # The lists know no grammar: a rare verb is added where it is missing, and a noun may slip through.
-LISTS = """
-accept add advance apply ask assign broadcast build calibrate call change check choose clean climb
-combine compare compile compress compute continue convert copy correct count create cut decide define
-describe design determine diagnose do draft draw drop end estimate evaluate export fill filter find fit
-give group guess handle hold identify infer integrate join judge keep lay learn list load look make map
-mark match measure merge minimise move multiply name note observe open pad parse pick place pose prepare
-print profile project put raise rank read record redirect reduce refine refit refuse register regress
-remove render repeat replace report reserve resolve return rewrite run sample save say score search see
-select set show shut simulate solve split stack start step store strip study submit subtract sum tag take
-tell test thin trace transform transpose treat try turn typeset unwrap update use validate verify wait
-write yield approximate block declare derive edit expand interpret let maximise predict stop
-summarise work
-decorate escape examine exchange fork provide remake represent watch
-/ allow allows are asks become becomes begin begins belong belongs can cannot collect collects come
-comes contain contains could depend depends describe did differ differs does excludes follow follows
-gives goes had has have hold holds includes is keeps knows lies limit makes may might must need passes
-remain remains represents requires says should stand stands stay stays takes tells was were will would
-applies advances computes consists designs explains helps multiplies needs refuses responds shows
-/ a all any at by each how it its no on once one only over that the to what when which
-/ as how if that what when where whether which who whose why
-"""
+LISTS = Path(__file__).with_name("sentence_words.txt").read_text(encoding="utf-8")
 IMPERATIVES, FINITE_VERBS, OBJECTS, CLAUSES = (set(words.split()) for words in LISTS.split("/"))
 NOUNS_OR_VERBS = {f"{verb}s" for verb in IMPERATIVES}  # verbs where an object follows
 

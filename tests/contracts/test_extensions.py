@@ -18,6 +18,7 @@ from typing import Annotated
 
 import pytest
 import typer
+import yaml
 from pydantic import Field
 from support import document_blocks
 from support.case_tables import run_cases
@@ -118,83 +119,8 @@ def test_names_of_packages_that_are_not_installed_are_unknown() -> None:
         lookup(MODELS, "motor_shft", "model")
 
 
-BROKEN = """
-import dataclasses, math
-from typing import ClassVar
-from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig import Coulomb, Friction, Model
-from bayesdrill.rig.models.motor_shaft import PARAMETERS, MotorShaft
-
-def frozen(parent=Model, /, **members):
-    return dataclasses.dataclass(frozen=True)(type(members["name"], (parent,), members))
-
-def usual(rig, p):
-    return MotorShaft().linear(p)
-
-def damped(rig, p):
-    return MotorShaft(added=("c_s",)).linear(p)
-
-def braked(rig, p):
-    linear = usual(rig, p)
-    return dataclasses.replace(linear, B={**linear.B, ("w_1", "friction_1"): -1.0 / p["j_1"]})
-
-def exponential(rig, p):
-    math.exp(p["j_1"])
-
-def other_state(rig, p):
-    linear = usual(rig, p)
-    return dataclasses.replace(linear, A={**linear.A, ("w_3", "w_1"): 1.0})
-
-class Rough:
-    parameters, seen, steady = ("t_f",), (), True
-    def size(self, p, speed, seen):
-        return math.tanh(speed) * p["t_f"]
-
-def rig(name, linear=usual, parameters=PARAMETERS, frictions=(), declares=()):
-    return frozen(name=name, declares=declares, parameters=parameters, frictions=frictions,
-                  states=MotorShaft.states, inputs=MotorShaft.inputs, linear=linear)
-
-def rubbing(name, linear=braked, of="friction_1", against="w_1", law=Coulomb("t_f")):
-    return rig(name, linear, frictions=(Friction(name=of, against=against, law=law),))
-
-shaft = Symbol("c_s", "N*m*s/rad", "c_s", "N", "of the shaft, as the house has it")
-right = rig("right")
-known = rig("known", damped, (*PARAMETERS, "c_s"), declares=(shaft,))
-brake = rubbing("brake")
-
-class no_dataclass:
-    name = "no_dataclass"
-
-stranger = frozen(object, name="stranger")
-nameless = frozen(name="nameless")
-other_name = rig("even")
-no_column = rubbing("no_column", usual)
-no_state = rubbing("no_state", against="w_3", law=Coulomb("t_x"))
-taken_name = rubbing("taken_name", of="t_1")
-no_law = rubbing("no_law", law=Rough())
-no_default = frozen(right, name="no_default", __annotations__={"i_m": float})
-no_symbol = rig("no_symbol", parameters=(*PARAMETERS, "c_x"))
-other_unit = rig("other_unit", declares=(Symbol("j_1", "m", "j_1", "m", "a length"),))
-exponential = rig("exponential", exponential)
-other_state = rig("other_state", other_state)
-"""
-SOUND = ("right", "known", "brake")
-MESSAGES = {
-    "nowhere": "ModuleNotFoundError: No module named 'nowhere'",
-    "no_dataclass": "a rig is a frozen dataclass",
-    "stranger": "it is no bayesdrill.rig.Model; derive it from that",
-    "nameless": "it has no parameters, states, inputs, declares, linear",
-    "other_name": "its name is 'even', but its entry point is called 'other_name'",
-    "no_symbol": "no symbol is declared for c_x",
-    "other_unit": "it declares j_1 in m; its unit is kg*m**2",
-    "exponential": "more than + - * / and whole powers",
-    "no_column": "`linear` has no column in `B` for the friction friction_1",
-    "no_state": "the friction friction_1 names w_3, t_x, which the rig lacks",
-    "taken_name": "a friction is called t_1, but that name is already used",
-    "no_law": "the friction friction_1: its law uses values that it does not name",
-    "no_default": "each field needs a default (TypeError",
-    "other_state": "`linear` names w_3, no state or input of the rig",
-}
+BROKEN = yaml.safe_load(Path(__file__).with_name("broken_rigs.yaml").read_text(encoding="utf-8"))
+SOUND, MESSAGES = BROKEN["sound"], BROKEN["messages"]
 ASK = """
 import json
 from bayesdrill.basics.registry import lookup
@@ -228,7 +154,7 @@ def test_a_bad_rig_is_named_with_its_package_and_takes_no_other_with_it(tmp_path
     entries = ["[bayesdrill.rig]", *(f"{name} = {place}" for name, place in places.items())]
     for kind in ("noise", "format", "optimiser"):
         entries += [f"[bayesdrill.{kind}]", "odd = fractions:Fraction"]
-    install(tmp_path, "broken", {"broken_rigs": BROKEN}, entries)
+    install(tmp_path, "broken", {"broken_rigs": BROKEN["module"]}, entries)
     done = run_python("-c", ASK, installed=tmp_path)
     assert done.returncode == 0, done.stderr
     errors, usable = json.loads(done.stdout)

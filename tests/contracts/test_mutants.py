@@ -4,7 +4,7 @@ import runpy
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-MUTANTS = runpy.run_path(str(ROOT / "tests/mutants.py"))["MUTANTS"]
+MUTANTS = runpy.run_path(str(ROOT / "benchmarks/mutants.py"))["MUTANTS"]
 
 
 def test_each_mutant_changes_lines_that_stand_once() -> None:

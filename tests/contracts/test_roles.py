@@ -3,7 +3,6 @@
 import ast
 import dataclasses
 import json
-import math
 import os
 import re
 import subprocess
@@ -24,7 +23,6 @@ from bayesdrill.analysis.friction_motion import friction_curve, friction_motions
 from bayesdrill.analysis.identifiability.frictions import rivals, stall_voltage
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.latent_torque import regress_torque, torque_estimates
-from bayesdrill.analysis.refits import refit_candidate
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.analysis.suspicions import suspicions_of_problem
 from bayesdrill.basics import symbols
@@ -143,12 +141,10 @@ def analyses_of_causes(rig: Model, names: dict[str, str]) -> Iterator[Any]:
     start = posterior.space.start
     few = {"friction_rotor_1", "voltage_drop"}  # all take a minute
     rungs = [r for r in CandidateModels.from_job(of.job, {}).singles() if r.names[0] in few]
-    given = refit_candidate(posterior, start, -math.inf)
-    assert given is not None
     with WorkerPool(posterior, 1) as pool:
-        ranking_ = ranking.Ranking(of.job, start, given, pool.submit_function, SILENT)
+        ranking_ = ranking.Ranking(of.job, start, pool.submit_function, SILENT)
         ranking_.refit_all(rungs, start)
-    causes = Causes(given=given.residuals, ranked=ranking_.ranked())
+    causes = Causes(given=ranking_.base.residuals, ranked=ranking_.ranked())
     yield repr(causes)
     yield describe_causes(causes)
     yield lacking(causes, of.job.problem.model.roles)

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-import yaml
-from support.case_tables import run_cases
+from support.case_tables import read_table, run_cases
 from support.first_configs import (
     DEG,
     RECORD,
@@ -20,7 +19,7 @@ from support.first_configs import (
 from bayesdrill.basics import units
 from bayesdrill.drafting.columns import contradiction, named_column, parse_head
 
-TABLE = yaml.safe_load(Path(__file__).with_name("heads.yaml").read_text(encoding="utf-8"))
+TABLE = read_table(Path(__file__).with_name("heads.yaml"))
 
 
 @run_cases("head, expected", TABLE["heads"].items())

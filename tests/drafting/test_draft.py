@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from support import command_line, first_configs
-from support.case_tables import run_cases
+from support.case_tables import read_table, run_cases
 from support.first_configs import (
     RECORD,
     channels_of,
@@ -29,7 +28,7 @@ CONFIGS = command_line.ROOT / "configs"
 
 
 TABLE = Path(__file__).with_name("drafts.yaml")
-CASES = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
+CASES = read_table(TABLE)
 SIGNALS = {
     **vars(first_configs),
     "COUNT": np.arange(400.0),

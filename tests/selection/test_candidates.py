@@ -86,20 +86,7 @@ def test_each_candidate_frees_what_its_name_says(tmp_path: Path) -> None:
     assert every["sign_w_1"].config_lines == "record:\n  channels:\n    w_1: {gain: -1.0}"
 
 
-TRAIN = """\
-name: train
-seed: 7
-record:
-  file: small.csv
-  time: {column: t, unit: s}
-  channels:
-    w_arm: {column: w_1, unit: rad/s, sigma: 0.05}
-    theta_arm: {column: theta_1, unit: rad, sigma: {prior: log_uniform, low: 0.01, high: 1}}
-inputs: {t_arm: {column: w_1, unit: N*m, file: small.csv, time: {column: t, unit: s}}}
-initial: {theta_arm: 0.1}
-model: {name: train, inertias: [arm], drives: {arm: torque}, gravity: [arm]}
-parameters: {j_arm: {prior: log_uniform, low: 1.0e-3, high: 1.0}, g_arm: 1.0, c_arm: 0.01}
-"""
+TRAIN = (command_line.CONFIGS / "arm_by_torque.yaml").read_text(encoding="utf-8")
 CONSTANTS = {
     "shaft": {"gear": 2.0, "later": 0.1},
     "train": {"clock": 0.98, "later": 0.1, "prior_j_arm": 1.0},

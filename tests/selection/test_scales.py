@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.case_tables import run_cases, slow_except
+from support.command_line import CONFIGS
 from support.small_problems import starts_believed
 from support.unexplained_records import causes_of, write
 
@@ -16,27 +17,7 @@ from bayesdrill.selection.scales import scale_entries
 
 T = np.linspace(0.0, 0.5, 251)
 TRUE = {"j_hub": 1e-4, "k_T_hub": 0.05, "k_e_hub": 0.05, "c_hub": 1e-4, "r_hub": 1.2, "l_hub": 1e-3}
-MOTOR = """\
-name: motor
-seed: 5
-record:
-  file: record.csv
-  time: {column: t, unit: s}
-  channels:
-    w_hub: {column: w, unit: rad/s, sigma: 0.5}
-    i_hub: {column: i, unit: A, sigma: 0.02}
-inputs: {u_hub: 24.0}
-model: {name: train, inertias: [hub], drives: {hub: voltage}}
-nominal: {k_T_hub: 0.05, j_hub: 1.0e-4, c_hub: 1.0e-4, r_hub: 1.2}
-parameters:
-  j_hub: BOX
-  k_T_hub: BOX
-  k_e_hub: {tie: k_T_hub}
-  c_hub: BOX
-  r_hub: BOX
-  l_hub: 1.0e-3
-map: {starts: 1}
-"""
+MOTOR = (CONFIGS / "scaled_motor.yaml").read_text(encoding="utf-8")
 BOX = "{prior: log_uniform, low: 0.1, high: 10, relative: true}"
 MODEL = bd.Train(inertias=["hub"], drives={"hub": "voltage"})
 

@@ -9,23 +9,13 @@ from typing import Any
 
 import pytest
 from support import command_line
-from support.command_line import CommandResult, cli
+from support.command_line import CONFIGS, CommandResult, cli
 
 from bayesdrill.campaigns import population, study
 from bayesdrill.campaigns.population import PopulationSettings
 from bayesdrill.sampling.convergence import Targets
 
-CAMPAIGN = """\
-name: many
-base: small.yaml
-runs: runs/runs.csv
-time_unit: d
-noted: [temperature]
-simulation:
-  runs: 6
-  spread: {j_1: 0.04, k_e: 0.02}
-  noted: {temperature: {k_e: 0.01}}
-"""
+CAMPAIGN = (CONFIGS / "campaign.yaml").read_text(encoding="utf-8")
 SOON_MET = Targets(r_hat=1.1, n_tau=5.0, ess=50.0)
 QUICK = CAMPAIGN.replace("noted:", "effort: 100\nnoted:", 1).replace("runs: 6", "runs: 4")
 

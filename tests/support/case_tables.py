@@ -8,8 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 type Test = Callable[..., None]
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C: eight times as fast
+
+
+def read_table(table: str | Path) -> Any:
+    """Read a table of cases, a file in YAML 1.1 (`1.0e-4` is a number) whose path begins at `tests`."""
+    return yaml.load((Path(__file__).parents[1] / table).read_text(encoding="utf-8"), LOADER)
 
 
 def slow_except(quick: Collection[Any], cases: Iterable[Any]) -> list[Any]:

@@ -1,4 +1,6 @@
-"""Finished runs of the small experiment, made once for a whole run of the suite, and copied."""
+"""Finished runs of the small experiment, made once for all tests; what makes them is loaded late."""
+
+from __future__ import annotations
 
 import fcntl
 import hashlib
@@ -7,14 +9,13 @@ import os
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import pytest
-from emcee.backends import HDFBackend
-from support import command_line
 
-from bayesdrill.tasks import conclusions
+if TYPE_CHECKING:
+    from support.command_line import CommandResult
 
 # Drawing takes longer than all the rest of a small run.
 ALL_FIGURES = ("figures: []", "figures: null")
@@ -27,7 +28,6 @@ FILES = {  # of a run without figures
     *("posterior.nc", "report.html", "run.json", "summary.csv", "summary.md", "table.tex"),
     *("verdict.csv", "figures"),
 }
-NOTHING_PRINTED = command_line.CommandResult(0, "", "")
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class FinishedRun:
 
     config: Path
     folder: Path
-    result: command_line.CommandResult = NOTHING_PRINTED
+    result: CommandResult | None = None
 
     @property
     def json(self) -> dict[str, Any]:
@@ -45,6 +45,8 @@ class FinishedRun:
 
     def chains(self) -> dict[str, np.ndarray]:
         """Return all that `chain.h5` holds of the four ensembles."""
+        from emcee.backends import HDFBackend
+
         arrays = {}
         for k in range(4):
             backend = HDFBackend(
@@ -86,13 +88,17 @@ def posterior(
     name: str,
     *changes: tuple[str, str],
     causes: bool = True,
-) -> command_line.CommandResult:
+) -> CommandResult:
     """Put config, record and results of `bayesdrill posterior` into `place`; return what it printed.
 
     The results are in the folder `name`, the config in `name`.yaml.  The first worker that needs a
     config makes its run, while others wait; the run of another config is another one.  Without
     `causes` those of a bad fit are not ranked, which takes a minute.
     """
+    from support import command_line
+
+    from bayesdrill.tasks import conclusions
+
     text = command_line.small_config(place, *changes, name=f"{name}.yaml").read_bytes()
     shared = factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:  # each worker has a folder of its own in that of all

@@ -13,19 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse
-from ruamel.yaml import YAML
 from scipy.io import savemat
 from support import command_line, forked_command
-from support.case_tables import run_cases
+from support.case_tables import read_table, run_cases
 
 K_E = "k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
-J_1 = "j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
-THETA_1 = "    theta_1: {column: theta_1, unit: rad, sigma: 0.05}\n"
 W_1 = "    w_1: {column: w_1, unit: rad/s, sigma: 0.05}\n"
 EXAMPLE = command_line.ROOT / "configs" / "example_ties.yaml"
 TIMES = np.arange(101) * 0.05
 SECONDS = 15.0  # more than any config takes to be read
-CASES: list[dict[str, Any]] = YAML(typ="safe").load(Path(__file__).with_name("bad_inputs.yaml"))
+CASES: list[dict[str, Any]] = read_table("system/bad_inputs.yaml")
 
 type Lines = list[str]
 
@@ -270,39 +267,9 @@ def test_a_config_given_with_its_folder_is_named_with_its_folder(tmp_path: Path)
 
 
 def test_all_mistakes_of_a_config_come_at_once(here: Path) -> None:
-    command_line.small_config(
-        here,
-        ("seed: 7", "seed: -7\nsampelr: {}"),
-        ("unit: s}", "unit: V}"),
-        (THETA_1, THETA_1.replace("0.05", "0")),
-        (W_1, W_1.replace("rad/s", "radd/s")),
-        ("v: 8.0", "v: 8 V"),
-        ("k_T: nominal", "k_t: nominal"),
-        ("r_m: nominal", "r_m: 1/3"),
-        ("l_m: nominal", "l_m: {prior: unifrom, low: 1, high: 2}"),
-        ("k_s: nominal", "k_s: {prior: uniform, low: 1, high: 2}"),
-        (J_1, "j_1: {prior: uniform, low: 1.5, high: 0.5, relative: true}"),
-        ("t_f: nominal", "t_f: nominal\n  t_f: 0.1"),
-        ("walkers: 8", "walkers: 9"),
-        ("map: {", "map: {method: nelder, "),
-    )
-    expected = [
-        ("seed: -7", "seed: -7"),
-        ("sampelr", "did you mean sampler?"),
-        ("time:", "unit 'V' is not a unit of s"),
-        ("    theta_1", "sigma: 0"),
-        ("    w_1", "unit 'radd/s'"),
-        ("  v:", "'8 V' is not a number"),
-        ("k_t", "did you mean k_T?"),
-        ("r_m", "write for example 0.333333"),
-        ("l_m", "did you mean uniform?"),
-        ("k_s", "is outside the prior"),
-        ("j_1", "is not below high"),
-        ("t_f: 0.1", "stands already in line"),
-        ("map:", "did you mean nelder_mead?"),
-        ("walkers: 9", "an even number"),
-    ]
-    for line, (at, words) in zip(messages(), expected, strict=True):
+    rows = command_line.REFUSALS["together"]
+    command_line.small_config(here, *((old, new) for old, new, *_ in rows))
+    for line, (*_, at, words) in zip(messages(), rows, strict=True):
         assert line.startswith(label(here, at)), line
         assert words in line
 
@@ -328,36 +295,17 @@ def test_all_mistakes_of_a_record_come_at_once(here: Path) -> None:
     assert "no column 'w1'" in text
 
 
-@run_cases(
-    "arguments",
-    [
-        ["chek"],
-        ["check"],
-        ["check", "small.yaml", "--fast"],
-        ["posterior", "small.yaml", "--processes", "0"],
-        ["posterior", "small.yaml", "--processes", "two"],
-        ["posterior", "small.yaml", "--processes", "3000000000"],
-        ["calibrate", "small.yaml", "--processes", "3000000000"],
-        ["posterior", "small.yaml", "--resume", "--force"],
-        ["simulate", "small.yaml", "--seed", "-1"],
-        ["simulate", "small.yaml"],
-        ["report"],
-        ["report", "nowhere"],
-        ["report", "small.yaml"],
-        ["posterior", "small.yaml", "--output", "small.csv"],
-        ["posterior", "small.yaml", "--output", "."],
-        ["posterior", "small.yaml", "--output", ".", "--resume"],
-    ],
-    ids=" ".join,
-)
-def test_misuse_of_the_command_line_costs_nothing(
-    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    command_line.small_config(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    before = command_line.listing(tmp_path)
-    assert_a_message(command_line.cli(*arguments))
-    assert command_line.listing(tmp_path) == before
+@run_cases("command, words", command_line.REFUSALS["misuse"])
+def test_misuse_of_the_command_line_costs_nothing(command: str, words: str, here: Path) -> None:
+    command_line.small_config(here)
+    before = command_line.listing(here)
+    campaign = command_line.ROOT / "configs" / "campaign" / "shaft.yaml"
+    result = command_line.cli(
+        *(word.replace("CAMPAIGN", str(campaign)) for word in command.split())
+    )
+    assert_a_message(result)
+    assert words in result.err
+    assert command_line.listing(here) == before
 
 
 @run_cases("command", ["check", "init", "verify", "simulate"])

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from support import campaigns, command_line
 from support.campaigns import QUICK, Finished
-from support.command_line import assert_refused, cli, replace_text
+from support.command_line import CONFIGS, assert_refused, cli, replace_text
 
 from bayesdrill.campaigns import study
 from bayesdrill.campaigns.draws import CampaignDraws
@@ -181,17 +181,7 @@ def test_without_pyarrow_a_campaign_says_what_to_install(
 
 
 def test_simulated_campaigns_have_drift_jump_and_foreign_runs(tmp_path: Path) -> None:
-    text = """\
-name: many
-base: small.yaml
-runs: runs/runs.csv
-simulation:
-  runs: 5
-  rigs: 2
-  drift: {k_s: 0.04}
-  jump: {after: 3, change: {j_1: 0.1}}
-  foreign: {count: 1, change: {k_e: 0.5}}
-"""
+    text = (CONFIGS / "changing_campaign.yaml").read_text(encoding="utf-8")
     path = campaigns.campaign(tmp_path, text=text)
     with (tmp_path / "runs" / "truth.csv").open() as file:
         rows = [*csv.DictReader(file)]

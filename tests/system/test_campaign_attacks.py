@@ -11,19 +11,16 @@ from typing import Any
 
 import pytest
 from filelock import FileLock
-from ruamel.yaml import YAML
 from support import campaigns, command_line
 from support.campaigns import Finished
-from support.case_tables import run_cases
+from support.case_tables import read_table, run_cases
 from support.command_line import assert_refused, replace_text
 
 from bayesdrill import output_files
 from bayesdrill.campaigns import fits, study
 
 pytest.importorskip("pyarrow")
-CASES: list[dict[str, Any]] = YAML(typ="safe").load(
-    Path(__file__).with_name("campaign_attacks.yaml")
-)
+CASES: list[dict[str, Any]] = read_table("system/campaign_attacks.yaml")
 CHANGED = {"campaign": "campaign.yaml", "table": "runs/runs.csv", "base": "small.yaml"}
 COMMANDS = {
     "check": ("check", "campaign.yaml"),

@@ -118,6 +118,7 @@ OWN_VALUES = "j_m: 1, c_m: 1, k_e: 0.2, k_T: 0.2, r_m: 1, l_m: 1, k_s: 1, j_1: 0
         ((), "table_1", set(NINE), "the nominal table (table_1)"),
         (OTHER, None, set(), None),
         (OTHER, "{tolerance: 0.1}", set(), None),
+        (OTHER, "{tolerance: {default: 0.1, j_1: 0.2}}", set(), None),
         (OTHER, "tables_2_3", set(NINE), "the nominal table (tables_2_3)"),
         (OTHER, "{j_1: 0.1}", {"j_1"}, "the config's nominal values"),
         (OTHER, f"{{{OWN_VALUES}}}", set(NINE), "the config's nominal values"),

@@ -14,6 +14,8 @@ from support.command_line import CONFIGS, assert_refused, cli, posterior, replac
 import bayesdrill as bd
 from bayesdrill.analysis.prediction import held_out
 from bayesdrill.config.job import prepare
+from bayesdrill.report.words import record_made
+from bayesdrill.results.provenance import fingerprint
 from bayesdrill.tasks import calibrate
 
 
@@ -152,8 +154,8 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_held_out_experiment_is_no_evidence_and_is_predicted(records: Path) -> None:
     """Against a config that has never heard of it, and densities by SciPy."""
-    problem = bd.load(write(records)).job.problem
-    space = problem.posterior.space
+    job = bd.load(write(records)).job
+    problem, space = job.problem, job.problem.posterior.space
     assert [observation.label for observation in problem.observations] == ["slow"]
     alone = write(records, "alone")
     lines = alone.read_text().splitlines()
@@ -174,6 +176,9 @@ def test_a_held_out_experiment_is_no_evidence_and_is_predicted(records: Path) ->
     assert prediction is not None
     assert prediction.samples == 2 * 101
     assert prediction.score == pytest.approx(scores.sum(), rel=1e-9)
+    apart = "fast, all its 202 samples are held out, and do not enter the fit"
+    assert record_made(problem)[-1] == apart
+    assert "nothing: it is held out" in fingerprint(job.config, problem).values()
 
 
 @pytest.mark.slow

@@ -7,22 +7,26 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from support import command_line
+from support.case_tables import run_cases
 from support.command_line import CONFIGS, assert_refused
 from support.finished_runs import FinishedRun
 from support.reporters import Stopping
 from support.unexplained_records import try_only
 
 import bayesdrill as bd
-from bayesdrill.analysis.causes import SURE_LOG_ODDS
+from bayesdrill.analysis.causes import SURE_LOG_ODDS, Causes
 from bayesdrill.analysis.refits import RefitMaximum, refit_candidate
 from bayesdrill.basics.errors import Interrupted
 from bayesdrill.basics.progress import Reporter, Silent
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.sampling.proposal.learning import NoSupportError
 from bayesdrill.selection.candidates import CandidateModel
 from bayesdrill.tasks import ladder, ranking, remote
 
@@ -74,15 +78,21 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> FinishedRun:
 
 
 def guessed(
-    folder: Path, log_odds: Callable[[set[str]], float], enough: float = math.inf
+    folder: Path,
+    log_odds: Callable[[set[str]], float],
+    enough: float = math.inf,
+    refit: Callable[[Posterior], float] = lambda _: 0.0,
+    **found: object,
 ) -> tuple[ranking.Ranking, list[float]]:
     """Return a ranking that refits nothing, and log odds that its candidates had to reach.
 
-    Parts have the `log_odds` that are given, and from `enough` on they leave noise.
+    Parts have the `log_odds` that are given, and from `enough` on they leave noise; `refit` gives the
+    log odds of a posterior, NaN without a finite response.  Each refit has `found` these numbers.
     """
     job = prepare(command_line.small_config(folder, ("walkers: 8", "walkers: 24")))
     template = refit_candidate(job.problem.posterior, job.problem.posterior.space.start, -math.inf)
     assert template is not None
+    template = dataclasses.replace(template, **found)
     misfit = tuple(dataclasses.replace(row, correlation=1.0) for row in template.residuals)
     rivals = list[float]()
 
@@ -97,16 +107,19 @@ def guessed(
                 rivals.append(rival() - self.base.log_z)
                 odds = log_odds({*rung.names})
                 fit = template.residuals if odds >= enough else misfit
-                top = dataclasses.replace(template, residuals=fit, log_z=self.base.log_z + odds)
-                self._keep(rung, job, top)
+                self._keep(rung, job, dataclasses.replace(gained(odds), residuals=fit))
 
-    def submit(*_: object, **_named: object) -> Future[RefitMaximum]:
-        future: Future[RefitMaximum] = Future()
-        future.set_result(template)
+    def gained(odds: float) -> RefitMaximum:
+        higher = {name: getattr(template, name) + odds for name in ("log_z", "log_posterior")}
+        return dataclasses.replace(template, **higher)
+
+    def submit(_: object, posterior: Posterior, *_more: object, **_named: object) -> Future[Any]:
+        future, odds = Future[Any](), refit(posterior)
+        future.set_result(None if math.isnan(odds) else gained(odds))
         return future
 
     start = job.problem.posterior.space.start
-    return Guessing(job, start, template, submit, Silent()), rivals
+    return Guessing(job, start, submit, Silent()), rivals
 
 
 def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Path) -> None:
@@ -153,6 +166,61 @@ def test_what_stands_for_a_part_is_removed_before_more_is_built_upon_it(tmp_path
     assert {*best.parts} == {*right}
 
 
+@run_cases("share", [1.55, 12.0])
+def test_a_gear_is_sought_next_to_the_best_of_its_grid(share: float, tmp_path: Path) -> None:
+    """The log evidence falls with the square of the distance, for a gear beyond the grid too."""
+
+    def refit(posterior: Posterior) -> float:
+        factor = posterior.space.relations["geared_k_T"].text.split("*")[1]
+        return 1000.0 - 100.0 * (1.0 / float(factor) - share) ** 2
+
+    every, _ = guessed(tmp_path, lambda _: 0.0, refit=refit)
+    every._seek(ranking.GEAR, ranking.GEARS, ranking.FINEST_GEAR)
+    expected = min(share, ranking.GEARS[-1])
+    assert every.models.numbers[ranking.GEAR] == pytest.approx(expected, abs=0.1)
+    assert every.tried == {ranking.GEAR: len(ranking.GEARS)}
+
+
+@run_cases(
+    "enough, kinds", [(math.inf, ["maxima", "alike", "hidden"]), (50.0, ["maxima", "alike"])]
+)
+def test_a_refit_with_several_maxima_or_many_hidden_samples_is_doubted(
+    enough: float, kinds: list[str], tmp_path: Path
+) -> None:
+    """Unknowns that are alike are no doubt if both were in the config as given."""
+    alike = (("t_cm", "k_e"), ("k_e", "j_1"))
+    every, _ = guessed(
+        tmp_path, lambda _: 50.0, enough, several=True, hidden=0.1, alike=alike, at_ends={}
+    )
+    every.refit_all(every.models.rungs([("friction_motor",)]), {})
+    (cause,) = every.causes_by_parts.values()
+    assert [doubt.kind for doubt in cause.doubts] == kinds
+    assert cause.doubts[1].said_of == alike[0]
+
+
+def test_candidates_and_windows_without_a_finite_response_are_left_out(tmp_path: Path) -> None:
+    every, _ = guessed(tmp_path, lambda _: 0.0, refit=lambda _: math.nan)
+    rungs = every.models.rungs([("friction_motor",)])
+    ranking.Ranking.refit_all(every, rungs, every.maximum)
+    assert every.left_out == {"friction_motor": "has no finite response near the maximum"}
+    assert every.causes_by_parts == {}
+    assert every._windows() == ()
+
+
+@run_cases("gain, share, named", [(90.0, 200.0, True), (90.0, 0.0, False), (1.0, 200.0, False)])
+def test_a_good_fit_at_an_end_of_a_prior_is_asked_for_factors_if_a_wider_prior_gains(
+    gain: float, share: float, named: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def log_odds(parts: set[str]) -> float:
+        scaled = any(part.startswith("scale_k_e") for part in parts)
+        return gain if parts == {"prior_k_e"} else share * scaled
+
+    every, _ = guessed(tmp_path, log_odds, at_ends={"k_e": 1})
+    monkeypatch.setattr(ranking, "Ranking", type(every))
+    causes = ranking.rank_scales(every.job, every.maximum, every.submit, Silent())
+    assert (causes is not None) == named
+
+
 @pytest.mark.slow
 def test_the_missing_friction_is_named_and_recommended_after_ctrl_c(tmp_path: Path) -> None:
     """Among all candidates; what was done before is taken up."""
@@ -182,6 +250,20 @@ def test_the_missing_friction_is_named_and_recommended_after_ctrl_c(tmp_path: Pa
     config = loading.load(recommended).config
     assert config.name == "turned_friction_motor"
     assert config.parameters.get("t_cm") is not None
+
+
+def test_a_ladder_without_a_model_that_can_be_sampled_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> None:
+        raise NoSupportError("no point has a finite density")
+
+    monkeypatch.setattr(ladder, "fit", fails)
+    monkeypatch.setattr(ladder._Sampling, "_ranked", lambda _: Causes(given=(), ranked=()))
+    config = given(tmp_path)
+    with pytest.raises(bd.InputError, match=r"given\.yaml: no point has a finite density"):
+        run_ladder(config, tmp_path / "out", "fresh", Silent())
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["status"] != "finished"
 
 
 def test_a_rung_is_the_run_of_its_config(finished: FinishedRun, tmp_path: Path) -> None:

@@ -5,13 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ruamel.yaml import YAML
+from support.case_tables import read_table
 from support.command_line import cli
 from support.first_configs import shared
 
-CASES: dict[str, dict[str, Any]] = YAML(typ="safe").load(
-    Path(__file__).with_name("shared_cases.yaml")
-)
+CASES: dict[str, dict[str, Any]] = read_table("system/shared_cases.yaml")
 MARKED = [
     pytest.param(name, marks=pytest.mark.slow if case.get("slow") else ())
     for name, case in CASES.items()

@@ -86,6 +86,14 @@ def missing_figure(rig: Path) -> None:
     (rig / "out" / "figures" / "trace.png").unlink()
 
 
+def missing_map(rig: Path) -> None:
+    (rig / "out" / "map.json").unlink()
+
+
+def foreign_figure(rig: Path) -> None:
+    (rig / "out" / "figures" / "ridge.png").write_bytes(b"of another run")
+
+
 # A change, whether the digests of `run.json` are renewed after it, and the message.
 CASES: list[tuple[Callable[[Path], None], bool, str]] = [
     (edited_table, False, "summary.csv: was changed after this run had written it"),
@@ -100,6 +108,12 @@ CASES: list[tuple[Callable[[Path], None], bool, str]] = [
     (another_chain, False, "chain.h5: was changed"),
     (another_chain, True, "chain.h5: is of run "),
     (missing_figure, False, "trace.png: is missing"),
+    (
+        missing_map,
+        False,
+        "map.json: is missing; put it back, or `bayesdrill posterior CONFIG --resume",
+    ),
+    (foreign_figure, False, "ridge.png: was not written by this run"),
 ]
 
 
@@ -214,6 +228,7 @@ WRONG_TYPES: list[tuple[str, Callable[[dict[str, Any]], object], str]] = [
     ("run.json", lambda d: d.update(versions={"emcee": 3}), NOT_OURS),
     ("run.json", lambda d: d.pop("fingerprint"), NOT_OURS),
     ("run.json", lambda d: d["files"].update({"a\0b": "x"}), "is missing"),
+    ("run.json", lambda d: d.update(status="running"), "this run is not finished, or of an older"),
     ("map.json", lambda d: d.update(values=[0.1]), DAMAGED),
     ("map.json", lambda d: d.update(gain="1.0"), DAMAGED),
     ("map.json", lambda d: d.update(log_posterior=10**400), DAMAGED),

@@ -24,18 +24,7 @@ def message_of(error: EntryError, location: Location) -> str:
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
     match kind:
         case "extra_forbidden":
-            word = "symbol" if location[0] == "parameters" and len(location) == 2 else "key"
-            if value is None and str(location[-1]).isdigit():
-                return f"unknown {word}; if it follows a decimal comma, write a decimal point"
-            if "<tie>" in error["loc"]:
-                return "a tied parameter has no other entries; remove this entry, or the tie"
-            name = str(location[-1])
-            near = did_you_mean(name, _keys_at(error))
-            other = "" if error.get("is_train", True) else _train_of(name)
-            if location[0] == "inputs" and name.startswith("supply_") and not other:
-                other = f"; write `{name[7:]}: {{servo: 12}}` in `drives:`, 12 for its usual value"
-            near = "" if other and near.startswith("; known") else near
-            return f"unknown {word}{near}{other}".replace("?; ", "? ")
+            return _unknown_key(error, location)
         case "missing":
             return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
         case "union_tag_not_found":
@@ -47,9 +36,6 @@ def message_of(error: EntryError, location: Location) -> str:
             return f"{_shown(value)} stands where `key: value` entries are wanted"
         case "union_tag_invalid" | "literal_error":
             tag = context.get("tag", value)
-            if kind == "literal_error" and location[0] == "parameters":
-                hint = _hint(value)
-                return f"{_shown(value)} is neither a number, nor `nominal`, nor a prior{hint}"
             return f"'{tag}' is not possible{did_you_mean(str(tag), _known(error))}"
         case "float_type" | "int_type" | "int_from_float":
             adjective = "whole " if kind.startswith("int") else ""
@@ -84,6 +70,21 @@ def message_of(error: EntryError, location: Location) -> str:
             return f"{_shown(value)} may only have letters, digits, `_`, `-` and `.`"
     text = str(error["msg"]).replace("Input should", "it should")
     return f"{_shown(value)}: {text[0].lower()}{text[1:]}"
+
+
+def _unknown_key(error: EntryError, location: Location) -> str:
+    name = str(location[-1])
+    word = "symbol" if location[0] == "parameters" and len(location) == 2 else "key"
+    if error["input"] is None and name.isdigit():
+        return f"unknown {word}; if it follows a decimal comma, write a decimal point"
+    if "<tie>" in error["loc"]:
+        return "a tied parameter has no other entries; remove this entry, or the tie"
+    near = did_you_mean(name, _keys_at(error))
+    other = "" if error.get("is_train", True) else _train_of(name)
+    if location[0] == "inputs" and name.startswith("supply_") and not other:
+        other = f"; write `{name[7:]}: {{servo: 12}}` in `drives:`, 12 for its usual value"
+    near = "" if other and near.startswith("; known") else near
+    return f"unknown {word}{near}{other}".replace("?; ", "? ")
 
 
 def _known(error: EntryError) -> list[str]:

@@ -161,7 +161,7 @@ def to_number(cell: str, decimal: str) -> float | None:
         return None
     if not cell or cell.lower() in _MISSING:
         return float("nan")
-    if _POWER.fullmatch(cell.replace(decimal, ".")):
+    if "d" in cell.lower() and _POWER.fullmatch(cell.replace(decimal, ".")):
         cell = cell.replace("D", "e").replace("d", "e")
     if decimal == ",":
         if "." in cell:

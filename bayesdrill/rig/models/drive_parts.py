@@ -6,6 +6,7 @@ import dataclasses
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
@@ -58,7 +59,7 @@ def _ends(name: str, value: Any) -> tuple[str, str]:
     return (value[0], value[1])
 
 
-def _by_name(value: Any, kind: type, example: str, make: Callable[[str, Any], Any]) -> Any:
+def _by_name(kind: type, example: str, make: Callable[[str, Any], Any], value: Any) -> Any:
     """Make parts from a mapping of names to entries, or again from a tuple of such parts."""
     if isinstance(value, tuple) and all(isinstance(part, kind) for part in value):
         pairs = [_entry(part) for part in value]
@@ -81,13 +82,8 @@ def _entry(part: Any) -> tuple[Any, Any]:
     return name, {"between": first, "ratio": ratio[0]} if ratio else first
 
 
-def _shafts(value: Any) -> Any:
-    example = "coupling: [motor, load]"
-    return _by_name(value, Shaft, example, lambda name, ends: Shaft(name, _ends(name, ends)))
-
-
-def _gears(value: Any) -> Any:
-    return _by_name(value, Gear, "box: {between: [motor, arm], ratio: 0.125}", _gear)
+def _shaft(name: str, entry: Any) -> Shaft:
+    return Shaft(name, _ends(name, entry))
 
 
 def _gear(name: str, entry: Any) -> Gear:
@@ -100,10 +96,6 @@ def _gear(name: str, entry: Any) -> Gear:
             "turn of the first, such as 0.125"
         )
     return Gear(name, _ends(name, entry["between"]), float(ratio))
-
-
-def _drives(value: Any) -> Any:
-    return _by_name(value, Drive, "motor: current", _drive)
 
 
 def _drive(name: str, entry: Any) -> Drive:
@@ -145,14 +137,14 @@ Names = Annotated[
 Inertias = Annotated[Names, Field(min_length=1, description="Names of its inertias, or masses.")]
 Shafts = Annotated[
     tuple[Shaft, ...],
-    BeforeValidator(_shafts),
+    BeforeValidator(partial(_by_name, Shaft, "coupling: [motor, load]", _shaft)),
     PlainSerializer(lambda shafts: {s.name: list(s.ends) for s in shafts}),
     _schema(_PAIR),
     Field(max_length=MAX_PARTS, description="By name the two inertias that a shaft joins."),
 ]
 Gears = Annotated[
     tuple[Gear, ...],
-    BeforeValidator(_gears),
+    BeforeValidator(partial(_by_name, Gear, "box: {between: [motor, arm], ratio: 0.125}", _gear)),
     PlainSerializer(
         lambda gears: {g.name: {"between": list(g.ends), "ratio": g.ratio} for g in gears}
     ),
@@ -161,7 +153,7 @@ Gears = Annotated[
 ]
 Drives = Annotated[
     tuple[Drive, ...],
-    BeforeValidator(_drives),
+    BeforeValidator(partial(_by_name, Drive, "motor: current", _drive)),
     PlainSerializer(lambda drives: {d.inertia: d.entry for d in drives}),
     _schema({"anyOf": [{"enum": [*DRIVES]}, _SERVO]}),
     Field(max_length=MAX_PARTS, description="By inertia what moves it."),

@@ -13,6 +13,7 @@ The Jacobian determinant of x by y is that of R.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -150,9 +151,15 @@ class RidgeMap:
         root = np.zeros((n, n, psi.shape[0]))
         diagonal = np.exp(entries[:n])
         root[range(n), range(n)] = diagonal
-        lower = np.tril_indices(n, -1)
+        lower = _below_diagonal(n)
         root[lower] = entries[n:] * diagonal[lower[1]]
         return (self.location.T @ rows).T, root, entries[:n].sum(axis=0)
+
+
+@cache
+def _below_diagonal(n: int) -> tuple[Indices, Indices]:
+    """Return rows and columns of the entries below the diagonal of an n by n matrix."""
+    return np.tril_indices(n, -1)
 
 
 def _forward_substitution(root: Array, rhs: Array) -> Array:
@@ -188,7 +195,7 @@ def fit_ridge(
     scaled = ((psi - middle) / width).T
     # `RidgeMap` describes these entries: logs of the diagonal, and scaled entries below it.
     diagonal = np.diagonal(roots, axis1=1, axis2=2)
-    row, column = np.tril_indices(roots.shape[1], -1)
+    row, column = _below_diagonal(roots.shape[1])
     below = roots[:, row, column] / diagonal[:, column]
     entries = np.concatenate([np.log(diagonal), below], axis=1)
     low, high = entries.min(axis=0), entries.max(axis=0)

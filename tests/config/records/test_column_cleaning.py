@@ -127,3 +127,7 @@ def test_a_derived_channel_is_compared_and_not_counted(tmp_path: Path) -> None:
     other = read_measured(tmp_path, channel=channels.replace("COLUMN", "w"))
     own_sensor = "if it was measured by a sensor of its own, remove derived_from"
     assert own_sensor in other.anomalies[0].in_words(1)
+    for unlike in ("w_2: {time: {rate: 90}, column: q, unit: deg/s", "i: {column: q, unit: A"):
+        uncompared = channels.replace("w_2: {column: COLUMN, unit: deg/s", unlike)
+        notes = read_measured(tmp_path, channel=uncompared).notes
+        assert any(note.endswith("not compared, as it has other times or units") for note in notes)

@@ -5,17 +5,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from support.case_tables import run_cases
+from support.case_tables import read_table, run_cases
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import format_of
 from bayesdrill.record.formats.csv import CsvOptions, read
 from bayesdrill.record.formats.table import RecordTable
 
-TABLE = yaml.safe_load(Path(__file__).with_name("texts.yaml").read_text(encoding="utf-8"))
+TABLE = read_table(Path(__file__).with_name("texts.yaml"))
 NAMES = ("t [s]", "w_1 [rpm]", "theta")
 # Unequal, off the origin, negative, with exponents and whole numbers: no column can stand in
 # for another, and no mark for another.

@@ -3,7 +3,10 @@
 import json
 import struct
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pyarrow
@@ -78,28 +81,80 @@ def test_a_missing_package_is_named_with_its_extra(
     assert_refused(cli("init", name), name, "needs a package that is missing", extra)
 
 
-def test_messages_of_mcap_that_are_no_json_are_named(tmp_path: Path) -> None:
-    """Also where no other messages are in the file."""
-    writer_of = pytest.importorskip("mcap.writer")
-    json_text = json.dumps({"position": [0.5, 1.5], "name": ["a", "b"]}).encode()
-    messages = [("/ros", "cdr", b"\0\1"), ("/joints", "json", json_text)]
-    for count, name in enumerate(("ros.mcap", "both.mcap"), 1):
-        with (tmp_path / name).open("wb") as stream:
-            writer = writer_of.Writer(stream)
-            writer.start()
-            for topic, encoding, data in messages[:count]:
-                channel = writer.register_channel(
-                    topic=topic, message_encoding=encoding, schema_id=0
-                )
-                writer.add_message(channel_id=channel, log_time=5, publish_time=5, data=data)
-            writer.finish()
+def stub_of_mcap(messages: Sequence[tuple[str, str, float, object]]) -> SimpleNamespace:
+    """Return a module with the documented reader of MCAP: topic, encoding, time [s] and data."""
+    triples = [
+        (
+            None,
+            SimpleNamespace(topic=topic, message_encoding=encoding),
+            SimpleNamespace(log_time=round(1e9 * time), data=json.dumps(data).encode()),
+        )
+        for topic, encoding, time, data in messages
+    ]
+    return SimpleNamespace(
+        make_reader=lambda stream: SimpleNamespace(iter_messages=lambda: iter(triples))
+    )
+
+
+def test_messages_of_mcap_that_are_no_json_are_named(tmp_path: Path, monkeypatch) -> None:
+    """Also where no other messages are in the file; times are those since the first message."""
+    path = tmp_path / "robot.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n")
+    joints = {"position": [0.5, 1.5], "name": ["a", "b"], "motor": {"current": 2}}
+    ros = [("/ros", "cdr", 5.0, 0)]
+    both = [*ros, ("/joints", "json", 5.2, joints), ("/joints", "json", 5.4, {})]
+    both += [("/motor", "json", 5.2001, 7.0), ("/motor", "json", 5.3, 8.0)]
     why = r"encoded as cdr, not as JSON; .*two lines .* of docs/record\.md"
+    monkeypatch.setitem(sys.modules, "mcap", ModuleType("mcap"))
+    monkeypatch.setitem(sys.modules, "mcap.reader", stub_of_mcap(ros))
     with pytest.raises(InputError, match=f"no numbers that can be read, and /ros has .*{why}"):
-        read(tmp_path / "ros.mcap", "mcap")
-    table = read(tmp_path / "both.mcap", "mcap")
-    np.testing.assert_array_equal(table.pick("/joints.position.1"), [1.5])
+        read(path, "mcap")
+    monkeypatch.setitem(sys.modules, "mcap.reader", stub_of_mcap(both))
+    table = read(path, "mcap")
+    np.testing.assert_allclose(table.pick(TIME), [0.2, 0.3])  # times of one pass are joined
+    np.testing.assert_array_equal(table.pick("/joints.position.1"), [1.5, np.nan])
+    np.testing.assert_array_equal(table.pick("/joints.motor.current"), [2.0, np.nan])
+    np.testing.assert_array_equal(table.pick("/motor"), [7.0, 8.0])
     with pytest.raises(InputError, match=why):
         table.pick("/ros")
+    monkeypatch.setattr("bayesdrill.record.formats.logs.LARGEST_FILE", 79.0)
+    with pytest.raises(InputError, match="has 4 signals at 2 times, too many for one table"):
+        read(path, "mcap")
+
+
+class StubOfMDF:
+    """It has what `asammdf.MDF` documents of a file with a master, a speed in rpm and a text."""
+
+    masters_db: ClassVar[dict[int, int]] = {0: 0}
+    channels_db: ClassVar = {"t": ((0, 0),), "speed": ((0, 1), (1, 4)), "state": ((0, 2),)}
+
+    def __init__(self, name: str) -> None:
+        assert Path(name).exists()
+
+    def __enter__(self) -> "StubOfMDF":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def get(self, *, group: int, index: int) -> SimpleNamespace:
+        assert group == 0
+        samples = {1: np.array([3, 4], dtype=np.int16), 2: np.array([b"on", b"off"])}[index]
+        return SimpleNamespace(samples=samples, timestamps=np.array([0.5, 0.6]), unit="rpm")
+
+
+def test_channels_of_an_mdf_file_have_units_and_texts_are_named(
+    tmp_path: Path, monkeypatch
+) -> None:
+    path = tmp_path / "bench.mf4"
+    path.write_bytes(b"MDF     4.10")
+    monkeypatch.setitem(sys.modules, "asammdf", SimpleNamespace(MDF=StubOfMDF))
+    table = read(path, "mdf")
+    np.testing.assert_array_equal(table.pick(TIME), [0.5, 0.6])
+    np.testing.assert_array_equal(table.pick("speed"), [3.0, 4.0])
+    assert table.units["speed"] == "rpm"
+    assert "t" not in table.variables
+    with pytest.raises(InputError, match=r"'state' of bench.mf4 is not a channel of numbers"):
+        table.pick("state")
 
 
 STATE = np.arange(12.0).reshape(6, 2)

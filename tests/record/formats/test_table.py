@@ -9,18 +9,17 @@ import h5py
 import numpy as np
 import pyarrow
 import pytest
-import yaml
 from pyarrow import parquet
 from support import array_files
 from support.array_files import Bomb, T, W, write_zip
-from support.case_tables import run_cases
+from support.case_tables import read_table, run_cases
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import FORMATS, Wanted, format_of
 from bayesdrill.record.formats.table import RecordTable
 
-TABLE = yaml.safe_load(Path(__file__).with_name("picks.yaml").read_text(encoding="utf-8"))
+TABLE = read_table(Path(__file__).with_name("picks.yaml"))
 PICKED, REFUSED = (
     [(name, row) for row in TABLE[kind] for name in row["files"]] for kind in ("picked", "refused")
 )

@@ -75,3 +75,20 @@ def test_a_flat_density_has_no_contour_and_a_histogram_ends_where_its_prior_does
         assert low[0] * (1 - 1e-9) <= first < last <= high[0] * (1 + 1e-9)
         if flat:
             assert counts[[0, -1]].min() > 0.7 * np.median(counts)
+
+
+def test_panels_that_are_too_small_for_numbers_have_the_ends_of_their_axes_in_turned_labels() -> (
+    None
+):
+    columns = [0, 3, 6]
+    symbols, draws = [SYMBOLS[k] for k in columns], posterior(300)[:, columns]
+    figure = corner_figure(draws, displayed(symbols, {}, {}, {}), 0.6)
+    panels = corner_panels(figure)
+    for k, x in enumerate(draws.T):
+        panel = panels[2, k]
+        assert not any(text.get_text() for text in panel.get_xticklabels())
+        label, ends = panel.get_xlabel().split("\n")
+        low, high = (si(label, float(end)) for end in ends.split(" to "))
+        assert low < np.quantile(x, 0.1) < np.quantile(x, 0.9) < high
+        assert panel.xaxis.label.get_rotation() == 90
+    assert panels[1, 0].get_ylabel() == f"${symbols[1].latex}$"

@@ -62,9 +62,9 @@ def figure(name: str, width: float = DOUBLE) -> Figure:
 
 
 def test_the_fit_shows_frictions_with_their_bands_and_where_they_stick() -> None:
-    frictions = view().chain.friction_motions[0]
+    frictions, panels = view().chain.friction_motions[0], figure("fit").axes
     for friction, symbol in zip(frictions, ("T_m", "T_1"), strict=True):
-        (panel,) = (p for p in figure("fit").axes if symbol in p.get_ylabel())
+        (panel,) = (p for p in panels if symbol in p.get_ylabel())
         (line,) = panel.get_lines()
         shown = [si(panel.get_ylabel(), u) for u in line.get_ydata()]
         np.testing.assert_allclose(shown, friction.effort, atol=1e-12)
@@ -112,6 +112,8 @@ def test_numbers_of_steps_are_said_to_be_enough_or_too_few() -> None:
         "steps: 2 steps to a sample; 16 times as many would move samples by at most 0.03 of the noise "
         "(w_1 0.03, alpha 0.004). That is harmless."
     )
+    both = [fine, dataclasses.replace(fine, label="b", errors=(0.01, 0.04))]
+    assert "a sample in b, the worst of 2 experiments; " in step_sentences(both)
     few = StepError(label="slow", channels=("w_1",), pieces=1, errors=(0.45,))
     sentences = step_sentences([few])
     assert sentences.startswith("steps: TOO FEW: one step to a sample in slow; ")

@@ -58,3 +58,7 @@ def test_values_that_agree_one_by_one_may_disagree_together() -> None:
     result = dataclasses.replace(verdict(draws_of(3)), joint=9.0)
     assert not result.agrees
     assert "does not describe this rig" in verdict_sentences(result, "table_1")
+    doubtful = dataclasses.replace(result, fits=False)
+    text = verdict_sentences(doubtful, "table_1")
+    assert "Each by itself agrees with table_1. If the model were right, taken together" in text
+    assert "does not describe this rig" not in text

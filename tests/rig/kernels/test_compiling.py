@@ -1,7 +1,6 @@
 """Compiled code takes little memory, and lives as long as what computes with it."""
 
 import ctypes
-import gc
 
 import numpy as np
 from llvmlite import ir
@@ -32,10 +31,8 @@ def test_compiled_code_takes_little_memory() -> None:
     """Without the compiler's own tables, 0.8 MB an engine and 2 to 5 of those of a rig."""
     code = machine_code(doubling())
     first = link_code(code)
-    gc.collect()
     before = resident()
     engines = [link_code(code) for _ in range(MANY)]
-    gc.collect()
     assert resident() - before < 0.3 * MANY
     kind = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)
     for engine in (first, *engines):

@@ -226,6 +226,16 @@ def shaft(**more: float) -> tuple[DrivenShaft, np.ndarray]:
     return rig, np.array([[values[name] for name in rig.parameters]])
 
 
+def integrated(rate: Callable[..., list[float]], states: tuple[str, ...]) -> np.ndarray:
+    """Integrate `rate(time, x, middle of the interval)` from sample to sample by SciPy."""
+    out = [np.array([START[name] for name in states])]
+    for begin, end in itertools.pairwise(T):
+        middle = (0.5 * (begin + end),)
+        there = solve_ivp(rate, (begin, end), out[-1], rtol=1e-10, atol=1e-12, args=middle)
+        out.append(there.y[:, -1])
+    return np.array(out)
+
+
 def solved(inputs: Course, torque: Callable[[float, float], float] | None = None) -> np.ndarray:
     """States `(N, 3)`; `inputs(s, middle)`: speed and load, smooth within an interval of samples."""
 
@@ -238,12 +248,7 @@ def solved(inputs: Course, torque: Callable[[float, float], float] | None = None
         rock = torque(w_1, weight[0]) if torque else 0.0
         return [w_1, speed, (pull - load - rock) / SHAFT["j_1"]]
 
-    out = [np.array([START[name] for name in ("theta_1", "theta_2", "w_1")])]
-    for begin, end in itertools.pairwise(T):
-        middle = (0.5 * (begin + end),)
-        there = solve_ivp(rate, (begin, end), out[-1], rtol=1e-10, atol=1e-12, args=middle)
-        out.append(there.y[:, -1])
-    return np.array(out)
+    return integrated(rate, ("theta_1", "theta_2", "w_1"))
 
 
 def value_before(u: np.ndarray, time: float) -> float:
@@ -279,16 +284,12 @@ def test_an_angle_straight_between_samples_is_a_speed_that_is_held() -> None:
         pull = SHAFT["k_s"] * (np.interp(s, T, angle) - x[0]) + SHAFT["c_s"] * (speed - x[1])
         return [x[1], (pull - SHAFT["c_1"] * x[1] - np.interp(middle, T, LOAD)) / SHAFT["j_1"]]
 
-    out = [np.array([START["theta_1"], START["w_1"]])]
-    for begin, end in itertools.pairwise(T):
-        middle = (0.5 * (begin + end),)
-        there = solve_ivp(rate, (begin, end), out[-1], rtol=1e-10, atol=1e-12, args=middle)
-        out.append(there.y[:, -1])
+    solution = integrated(rate, ("theta_1", "w_1"))
     rig, theta = shaft()
     load = np.interp(T + 0.5 * DT, T, LOAD)
     one = recorded(w_2=anomalies.held_speeds(angle, T), t_1=load)
     found = simulator(rig, one, ObservationModel()).signals(theta)[0]
-    assert found[:, [0, 2]] == pytest.approx(np.array(out), abs=2e-8)
+    assert found[:, [0, 2]] == pytest.approx(solution, abs=2e-8)
     assert found[:, 1] == pytest.approx(angle, rel=1e-12)
 
 

@@ -229,7 +229,6 @@ def rubs(sensing: ObservationModel, *tallied: str) -> Case:
     return Case(model_of(case), with_gaps(record), told(rig, sensing), sensing, tallied, (2,))
 
 
-EVERY_SUM = ("neighbours", "logs", "intervals")
 BOTH = {"d0": "torque", "d5": "torque"}
 MAKE: dict[str, Callable[[], Case]] = {
     "even, constant inputs": lambda: shaft(series=(), lead=0.137),
@@ -412,6 +411,7 @@ SUMS = {
     "logs": logs_are_right,
     "intervals": intervals_are_right,
 }
+EVERY_SUM = tuple(SUMS)
 
 
 def test_logs_of_what_is_far_off_neither_overflow_nor_lose_digits() -> None:

@@ -1,4 +1,4 @@
-"""Break the code in the ways that `mutants.toml` names, and see the test fail that it names.
+"""Break the code in the ways that `tests/mutants.toml` names, and see the test fail that it names.
 
 It works on copies of the tree, as many as `--processes` says.  A mutant that survives is an error, and
 so is a killer that fails without one.  Words choose the mutants that have one of them in name, file or
