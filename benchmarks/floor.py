@@ -29,7 +29,7 @@ def operations(
 
     `weights (K, X)`: of states in channels.
     """
-    reach = np.array(layout.reach)
+    reach = np.array(layout.reachable)
     x = layout.n_states
     columns = [k for k in range(len(reach)) if k != x]
     step = sum(int(reach[i, columns].sum()) + 1 for i in range(x))

@@ -92,9 +92,9 @@ def compressed_cost(job: problem.Job, samples: int) -> CompressedCost:
     nominal = space.vector({name: made.nominal[name] for name in space.free})[None]
     first = compression.excerpt(posterior) or posterior
     begun = time.perf_counter()
-    points = compression.nearby(first, nominal)
+    points = compression.points_about(first, nominal)
     short = compression.compressed(posterior, compression.compressions(posterior, points, 0))
-    points = compression.nearby(short, nominal)
+    points = compression.points_about(short, nominal)
     known = compression.compressions(posterior, points, 0)
     build = time.perf_counter() - begun
     compressed = compression.compressed(posterior, known)

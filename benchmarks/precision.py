@@ -53,7 +53,7 @@ def errors(posterior: Posterior, draws: Array) -> Iterator[Array]:
     """
     maximum = draws[np.argmax(posterior.likelihood(draws))]
     points = np.concatenate([maximum[None], draws[:: max(1, len(draws) // 256)]])
-    made = compression.compressions(posterior, points, shortest=0)
+    made = compression.compressions(posterior, points, max_exact=0)
     short = compression.compressed(posterior, made).likelihood.observations
     for theta in draws[:: max(1, len(draws) // DRAWS)]:
         total = np.zeros(4)

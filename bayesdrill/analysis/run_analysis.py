@@ -225,7 +225,7 @@ def analyse(
 ) -> RunAnalysis:
     """Evaluate the `RunAnalysis` of a finished run, without sampling.
 
-    If the run is `is_single` and not a candidate, missing effects are tried before the table is blamed.
+    If the run `is_single` and not a candidate, missing effects are tried before the table is blamed.
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior

@@ -17,7 +17,7 @@ from benchmarks.rates.calibrations import with_misfit
 def refits(study: CalibrationStudy, n: int, folder: Path) -> list[Refit]:
     folder.mkdir()
     with remote.local_executor(2) as crew:
-        return calibrate.run(study, n, folder / ".refits", crew, Silent())
+        return calibrate.run_refits(study, n, folder / ".refits", crew, Silent())
 
 
 @pytest.fixture(scope="module")

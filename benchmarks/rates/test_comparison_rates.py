@@ -64,6 +64,6 @@ def test_the_proposal_covers_a_correlation_near_zero() -> None:
     y, _ = bench().record(KINDS[2], 3)
     job = compare.of(bench().jobs[RED], y)
     _, sampled = fit(job.problem.posterior, compare.plan(job, 3))
-    assert sampled.learnt is not None
-    assert sampled.learnt.missed == 0.0
-    assert sampled.learnt.draws.effective_share > 0.88
+    assert sampled.proposal is not None
+    assert sampled.proposal.missed == 0.0
+    assert sampled.proposal.draws.effective_share > 0.88

@@ -34,7 +34,7 @@ def achieved(
     designed.save(folder, force=True)
     problem, request = case.job.problem, designed.design.request
     known = [target for target in designed.design.targets if target.designed < 0.2 * target.now]
-    coming = ComingExperiment.like(problem.observations[0], request.source)
+    coming = ComingExperiment.from_observation(problem.observations[0], request.source)
     batch = designed.design.levels
     posterior = coming.posterior(*batch)
     space, rng = posterior.space, np.random.default_rng(5)

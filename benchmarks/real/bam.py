@@ -80,7 +80,9 @@ def fitted(path: Path) -> str:
     theta, likelihood = posterior.space.vector(best.values), posterior.likelihood
     left = sorted(one.share for one in residual_checks.residual_summaries(likelihood, theta))
     log_likelihood = float(np.ravel(likelihood(theta[None]))[0])
-    samples = sum(int(observation.experiment.seen.sum()) for observation in likelihood.observations)
+    samples = sum(
+        int(observation.experiment.is_measured.sum()) for observation in likelihood.observations
+    )
     bic = len(theta) * math.log(samples) - 2 * log_likelihood
     v = best.values
     resistances = [r for name, r in v.items() if name.startswith("r_motor")]

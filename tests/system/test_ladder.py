@@ -178,7 +178,7 @@ def test_a_gear_is_sought_next_to_the_best_of_its_grid(share: float, tmp_path: P
     every._seek(ranking.GEAR, ranking.GEARS, ranking.FINEST_GEAR)
     expected = min(share, ranking.GEARS[-1])
     assert every.models.numbers[ranking.GEAR] == pytest.approx(expected, abs=0.1)
-    assert every.tried == {ranking.GEAR: len(ranking.GEARS)}
+    assert every.value_counts == {ranking.GEAR: len(ranking.GEARS)}
 
 
 @run_cases(

@@ -64,14 +64,14 @@ def test_rows_of_three_runs_name_the_pair_that_is_farthest_apart_and_nominal_val
 
 
 def test_scores_that_cannot_be_trusted_have_a_sentence_with_the_reason() -> None:
-    loo = LooScore(elpd=1.0, terms=np.zeros(9), doubtful=0.25)
+    loo = LooScore(elpd=1.0, terms=np.zeros(9), unreliable=0.25)
     held = [HeldOutScore(score=score, samples=9, terms=np.zeros(9)) for score in (1.0, 2.0)]
     bad, good = (
         replace(model(name, 0.0), loo=loo, held_out=score)
         for name, score in zip(("bad", "good"), held, strict=True)
     )
     refused = replace(good, loo=Finding("noise with memory"))
-    assert [*predicted([bad, replace(good, loo=replace(loo, doubtful=0.0))])] == [
+    assert [*predicted([bad, replace(good, loo=replace(loo, unreliable=0.0))])] == [
         "held out: 9 samples, which good predicts best",
         "LOO of bad: 25% of its terms depend on a few draws",
     ]

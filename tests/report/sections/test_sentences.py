@@ -37,7 +37,7 @@ def of_mode(data: Data, _: Data) -> Iterator[str]:
 def of_torque(data: Data, given: Data) -> Iterator[str]:
     summary = from_data(TorqueSummary, data)
     rig: Any = SimpleNamespace(**{"frictions": (), "saturation": None} | given)
-    yield torque.beside(rig)
+    yield torque.approximation_note(rig)
     yield torque.strayed(summary, rig)
     yield from (" ".join(line) for line in torque.torque_table(summary).lines)
     yield torque.law_sentences(summary, MotorShaft(1 / 8))
