@@ -114,7 +114,8 @@ def guessed(
         return dataclasses.replace(template, **higher)
 
     def submit(_: object, posterior: Posterior, *_more: object, **_named: object) -> Future[Any]:
-        future, odds = Future[Any](), refit(posterior)
+        is_given = posterior is job.problem.posterior
+        future, odds = Future[Any](), 0.0 if is_given else refit(posterior)
         future.set_result(None if math.isnan(odds) else gained(odds))
         return future
 
@@ -190,7 +191,13 @@ def test_a_refit_with_several_maxima_or_many_hidden_samples_is_doubted(
     """Unknowns that are alike are no doubt if both were in the config as given."""
     alike = (("t_cm", "k_e"), ("k_e", "j_1"))
     every, _ = guessed(
-        tmp_path, lambda _: 50.0, enough, several=True, hidden=0.1, alike=alike, at_ends={}
+        tmp_path,
+        lambda _: 50.0,
+        enough,
+        has_rival=True,
+        omitted=0.1,
+        exchangeable=alike,
+        at_ends={},
     )
     every.refit_all(every.models.rungs([("friction_motor",)]), {})
     (cause,) = every.causes_by_parts.values()
