@@ -137,7 +137,7 @@ def test_numbers_in_the_units_of_the_user_are_those_of_the_record() -> None:
     assert (twist.sigma, motor.sigma) == pytest.approx((2.0, 5.0), rel=0.2)
     assert np.ptp(twist.predictive - twist.model) > 4
     matlab = 1 - np.linalg.norm(twist.y - twist.model) / np.linalg.norm(twist.y - twist.y.mean())
-    assert 1 - twist.share == pytest.approx(matlab, rel=1e-6)  # of `compare`
+    assert 1 - twist.unexplained == pytest.approx(matlab, rel=1e-6)  # of `compare`
     (course,) = fit.courses
     assert sorted({*course.values}) == [-6000.0, 6000.0]
     shown = view.shown(["sigma_twist"])

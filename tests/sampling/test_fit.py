@@ -23,5 +23,5 @@ def test_workers_search_only_where_the_density_is_slow(
     monkeypatch.setattr(fit, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
     space = SimpleNamespace(draw=lambda n, rng: np.zeros((n, 1)))
     posterior: Any = SimpleNamespace(space=space, density=density)
-    plan: Any = SimpleNamespace(starts=4, chains=SimpleNamespace(seed=1), shortest=None)
+    plan: Any = SimpleNamespace(starts=4, chains=SimpleNamespace(seed=1), max_exact=None)
     assert fit.searching_processes(posterior, plan, processes) == given
