@@ -187,7 +187,11 @@ def _read_v73(path: Path, selected: Collection[str] | None) -> RecordTable:
     import h5py
 
     table = RecordTable(path=path)
-    layout = {"separator": ".", "called": "struct", "hidden_prefix": "#"}  # MATLAB's own group is #refs#
+    layout = {
+        "separator": ".",
+        "called": "struct",
+        "hidden_prefix": "#",
+    }  # MATLAB's own group is #refs#
     with h5py.File(path, "r") as file:
         for name, item in datasets(file, table, selected, unfit=_unfit, **layout):
             # MATLAB writes column by column, so HDF5 shows every array transposed.
