@@ -146,8 +146,9 @@ class Noise(Protocol):
 
         A noise that allows missing samples also has one of two methods.  `with_counts(counts)` gives
         the noise for these numbers of samples of each channel.  If times matter, `at_times(t,
-        seen)` gives the noise for times `t (T,)` at which channels were `seen (T, K)`.  Missing
-        residuals are NaN, and remain NaN when they are whitened.
+        is_measured)` gives the noise for times `t (T,)`, of which the flags `is_measured (T, K)`
+        say which channels have a sample.  Missing residuals are NaN, and remain NaN when they are
+        whitened.
         """
 
     def fixed_values(self) -> Mapping[int, object]:
