@@ -119,7 +119,7 @@ def ecdf_band(n: int, n_draws: int, false_alarm: float) -> RankBand:
 
 @functools.cache
 def count_band(n: int, probability: float, false_alarm: float) -> tuple[int, int]:
-    """Return limits for the count of `n` independent events of probability `probability`.
+    """Return limits for the count of `n` independent events with this `probability`.
 
     Counts are outside these limits with a probability of at most `false_alarm`.
     """

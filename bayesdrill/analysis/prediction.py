@@ -113,7 +113,7 @@ class HeldOutScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LooScore:
-    """The leave-one-out score `elpd` is the sum of `terms (n,)`; k is large in a `unreliable` share."""
+    """The leave-one-out score `elpd` is the sum of `terms (n,)`; k is large in the fraction `unreliable`."""
 
     elpd: float
     terms: Array

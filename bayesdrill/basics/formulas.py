@@ -76,7 +76,7 @@ class Expression:
 
 
 def expression(text: str, known_names: Iterable[str]) -> Expression:
-    """Parse a formula in the `known_names` names; raises `ValueError` with a message for the user."""
+    """Parse a formula of `known_names`; raises `ValueError` with a message for the user."""
     with _readable(text, "pi*G*d**4/(32*L), with a decimal point and without units"):
         tree = ast.parse(text.strip(), mode="eval").body
         _check_size(tree)
@@ -220,7 +220,7 @@ _ONLY_SUMS = "only sums of multiples of states are possible"
 
 
 def linear_combination(text: str, known_names: Iterable[str]) -> dict[str, float]:
-    """Return nonzero weights by `known_names` name; raises `ValueError` with a message for the user."""
+    """Return nonzero weights of `known_names`; raises `ValueError` with a message for the user."""
     names = list(known_names)
     shown = _short(text)
     with _readable(text, "theta_1 - theta_2"):

@@ -174,7 +174,7 @@ def fit_run(posterior: Posterior, plan: FitPlan, reference: Reference) -> Fitted
 
 
 def started_at(posterior: Posterior, values: Mapping[str, float]) -> Posterior:
-    """Return the posterior with start values `values`, except those outside their prior."""
+    """Return the posterior with these start `values`, except those outside their prior."""
     space = posterior.space
     unknowns = tuple(
         replace(unknown, start=x) if unknown.prior.low < x < unknown.prior.high else unknown

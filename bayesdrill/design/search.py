@@ -101,7 +101,7 @@ def descend(
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Return the best levels of descents from the best `waveforms` waveforms and from random levels."""
+    """Return the best levels of descents from the best of `waveforms` and from random levels."""
     source = evaluation.coming.source
     ranked = sorted(waveforms.values(), key=lambda levels: value(evaluation, levels))
     starts = [*ranked[:2], *_random(evaluation, rng)]
@@ -174,7 +174,7 @@ def exchange(
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Exchange levels of the best `waveforms` waveform, which keeps the limits; `safe` is unused.
+    """Exchange levels of the best of `waveforms`, which keeps the limits; `safe` is unused.
 
     In random order, each hold interval gets the best of a few levels, until no exchange helps.
     """

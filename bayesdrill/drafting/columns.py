@@ -340,7 +340,7 @@ def read_columns(
 ) -> tuple[list[FileColumn], dict[str, str]]:
     """Return the columns of the most frequent length, and why other columns are not used.
 
-    With `named_columns` columns, only these and the time are returned, with the given meanings. Raises
+    With `named_columns`, only these and the time are returned, with the given meanings. Raises
     `InputError` if a named column does not exist, or if the file holds several records.
     """
     columns, unused = _all_columns(table), dict(table.ignored)

@@ -150,7 +150,7 @@ def uncompressed(posterior: Posterior) -> Posterior:
 
 
 def compressed(posterior: Posterior, compressions: Compressions) -> Posterior:
-    """Return the posterior with `compressions` compressions; without any, the posterior itself."""
+    """Return the posterior with `compressions`; without any, the posterior itself."""
     if not compressions:
         return posterior
 

@@ -139,7 +139,7 @@ def _correlated(correlated: Sequence[ResidualSummary]) -> str:
 
 
 def _worst(summaries: Sequence[ResidualSummary], flag: str, by: str) -> list[ResidualSummary]:
-    """Return the summaries whose flag `flag` is set, sorted by `by`, the worst first."""
+    """Return the summaries whose `flag` is set, sorted by `by`, the worst first."""
     chosen = [summary for summary in summaries if getattr(summary, flag)]
     return sorted(chosen, key=lambda summary: abs(getattr(summary, by)), reverse=flag != "small")
 

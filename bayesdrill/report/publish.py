@@ -48,7 +48,7 @@ FIGURES: Registry[Recipe] = Registry(
 
 
 def wanted_figures(names: Collection[str] | None) -> list[str]:
-    """Return the names of figures to draw: those `names` or, for None, all except `ON_REQUEST`."""
+    """Return the names of figures to draw: `names` or, for None, all except `ON_REQUEST`."""
     if names is None:
         return [name for name in FIGURES if name not in ON_REQUEST]
     return [name for name in FIGURES if name in names]

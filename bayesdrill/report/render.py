@@ -121,7 +121,7 @@ def _embedded(path: Path) -> EmbeddedPicture | None:
 
 
 def after(text: str, prefix: str) -> str:
-    """Return a text without the prefix `prefix`, which the title contains already."""
+    """Return a text without its `prefix`, which the title contains already."""
     remainder = text.removeprefix(prefix)
     return text if remainder == text else remainder[:1].upper() + remainder[1:]
 

@@ -93,7 +93,7 @@ def causes(
     submit: ranking.Submit | None = None,
     report: Reporter = SILENT,
 ) -> Causes | None:
-    """Return causes that would explain the residuals `residuals` of `mode`, or None.
+    """Return causes that would explain the `residuals` of `mode`, or None.
 
     If the residuals are noise, only a value or unit that is off by a factor is sought, and only if
     unknowns are at ends of their priors.  The job must have the integration steps of `mode`.

@@ -114,7 +114,7 @@ def end_search(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -
 
 
 def misfit(residuals: Sequence[ResidualSummary], clock: Unit) -> str:
-    """Describe the residuals `residuals` if they are too large to believe a posterior; else empty."""
+    """Describe the `residuals` if they are too large to believe a posterior; else empty."""
     return residual_sentences(residuals, clock) if residual_reasons(residuals) else ""
 
 

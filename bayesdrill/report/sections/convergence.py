@@ -257,7 +257,7 @@ def _scale(
 
 
 def ensemble_line(ensemble: int, width: float | None = None) -> dict[str, Any]:
-    """Return the line style of an ensemble, with line width `width` or that of the ensemble."""
+    """Return the line style of an ensemble, with this `width` or that of the ensemble."""
     colour, line_width, dashes = LOOKS[ensemble % len(LOOKS)]
     return {"color": colour, "linestyle": dashes, "linewidth": width or line_width}
 

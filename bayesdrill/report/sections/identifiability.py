@@ -267,7 +267,7 @@ def _of_each(study: IdentifiabilityStudy) -> str:
 def describe_profiles(
     profiles: Sequence[Profile], study: IdentifiabilityStudy, symbols: Sequence[Symbol]
 ) -> str:
-    """Describe each profile in a line, in the units of the symbols `symbols`."""
+    """Describe each profile in a line, in the units of `symbols`."""
     named = {symbol.name: symbol.plain_unit for symbol in symbols}
     open_ones = {
         name

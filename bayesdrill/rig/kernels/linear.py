@@ -413,7 +413,7 @@ class _Walker:
     def _advance_fraction(
         self, fraction: ir.Value, state: State, drive: InputHold
     ) -> tuple[State, InputHold]:
-        """Advance by the fraction `fraction` of the ladder's width, or not at all if it is negative."""
+        """Advance by a `fraction` of the ladder's width, or not at all if it is negative."""
         b, kind, count = self.b, self.kind, len(drive.inputs)
         default = [*kind.flat(state), *(u.value for u in drive.inputs)]
 

@@ -93,7 +93,7 @@ class RestState:
 class ReversalStep:
     """A step with events is one in which speeds may cross zero, and frictions may stick or slip.
 
-    It is divided into `n_parts` parts, each a `step` over the fraction `fraction` of the whole. Over the
+    It is divided into `n_parts` parts, each a `step` over a `fraction` of the whole. Over the
     whole step a fast state, such as a current, may be far from the straight line that is assumed.
     """
 

@@ -69,7 +69,7 @@ class Response(Simulator):
         return self._run(full, shape, tally=SQUARES, stored=True)[:, 0, self._samples]
 
     def course(self, full: Array, directions: Array) -> tuple[Array, Array]:
-        """Return signals `(W, T, K)` and their slopes `(W, q, T, K)` in the directions `directions`."""
+        """Return signals `(W, T, K)` and their slopes `(W, q, T, K)` in `directions`."""
         shape = (1 + directions.shape[1], *self._padded.shape)
         planes = self._run(full, shape, directions=directions, stored=True)[:, :, self._samples]
         return planes[:, 0], planes[:, 1:]
