@@ -113,7 +113,7 @@ class HeldOutScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LooScore:
-    """The leave-one-out score `elpd` is the sum of `terms (n,)`; k is large in the fraction `unreliable`."""
+    """The score `elpd` is the sum of `terms (n,)`; k is large in the fraction `unreliable` of them."""
 
     elpd: float
     terms: Array
