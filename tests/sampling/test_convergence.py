@@ -68,7 +68,7 @@ def test_walkers_that_disagree_alike_in_all_ensembles_are_not_independent_chains
     chains = ar1((4, 1200, 16, 1), 0.2) + 5.0 * np.arange(16)[:, None]
     result = assess(chains, ("a",), TARGETS)
     assert not result.converged
-    assert "autocorrelation times long" in " ".join(sentences(result))
+    assert "autocorrelation times long (tau" in " ".join(sentences(result))
 
 
 def test_short_chains_say_what_is_missing() -> None:
