@@ -58,7 +58,7 @@ def concluded(
 ) -> ReportContext:
     """Return the context of a run's report, which analyses the chain at first use.
 
-    `scenery` is the sensitivity study of the job's likelihood, if one exists.  If the run is
+    `scenery` is the sensitivity study of the job's likelihood, if one exists.  If the run
     `is_single` (not one of several candidates), changes of the rig are tried before a nominal table is
     judged wrong.  `explain` replaces the search of `causes`, if it is already done.
     """

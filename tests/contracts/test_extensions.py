@@ -18,10 +18,9 @@ from typing import Annotated
 
 import pytest
 import typer
-import yaml
 from pydantic import Field
 from support import document_blocks
-from support.case_tables import run_cases
+from support.case_tables import read_table, run_cases
 
 from bayesdrill.basics import registry
 from bayesdrill.basics.entries import Strict, with_member_entries
@@ -119,7 +118,7 @@ def test_names_of_packages_that_are_not_installed_are_unknown() -> None:
         lookup(MODELS, "motor_shft", "model")
 
 
-BROKEN = yaml.safe_load(Path(__file__).with_name("broken_rigs.yaml").read_text(encoding="utf-8"))
+BROKEN = read_table("contracts/broken_rigs.yaml")
 SOUND, MESSAGES = BROKEN["sound"], BROKEN["messages"]
 ASK = """
 import json

@@ -1,4 +1,4 @@
-"""What stands over a fit that must not be believed."""
+"""Tests of the warning above the report of a fit that must not be believed."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Finished runs of the small experiment, made once for all tests; what makes them is loaded late."""
+"""Make finished runs of the small experiment once for all tests; what makes them is loaded late."""
 
 from __future__ import annotations
 

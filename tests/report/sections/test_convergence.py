@@ -1,4 +1,4 @@
-"""Convergence: the sentence of several maxima, and figures of traces, ranks and autocorrelation."""
+"""Tests of the sentence about several maxima, and of figures of traces, ranks and autocorrelation."""
 
 import emcee
 import numpy as np

@@ -1,14 +1,12 @@
-"""Sentences about made records: what `sentences.yaml` says that they hold or lack."""
+"""Reports about records made by hand say the sentences that `sentences.yaml` lists for each record."""
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-import yaml
-from support.case_tables import for_each
+from support.case_tables import for_each, read_table
 
 from bayesdrill.analysis.causes import Causes
 from bayesdrill.analysis.run_analysis import TorqueSummary
@@ -20,7 +18,7 @@ from bayesdrill.rig import MotorShaft
 from bayesdrill.sampling.mode_search import Mode
 
 type Data = dict[str, Any]
-TABLE: dict[str, Data] = yaml.safe_load(Path(__file__).with_name("sentences.yaml").read_text())
+TABLE: dict[str, Data] = read_table("report/sections/sentences.yaml")
 
 
 def of_causes(data: Data, _: Data) -> Iterator[str]:
