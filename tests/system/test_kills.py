@@ -163,6 +163,7 @@ def test_ctrl_c_while_workers_start_shows_no_traceback(
 
 
 LARGE_RESULTS = """
+import numpy as np
 from bayesdrill.sampling.workers import WorkerPool
 
 def large():
