@@ -33,7 +33,7 @@ DPI = 220  # resolution of PNG figures
 WIDTHS: Mapping[str, float] = MappingProxyType({"single": SINGLE, "double": DOUBLE})
 # Mantissas of the numbers on a logarithmic axis, from many in each decade to few.
 SERIES: tuple[tuple[float, ...], ...] = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
-CURVED_RATIO = 4.0  # ratio of the ends from which on a logarithmic axis has mantissas from SERIES
+CURVED_RATIO = 4.0  # ratio of an axis's ends, from which its numbers have mantissas from SERIES
 
 
 def even_numbers(low: float, high: float, max_count: int) -> tuple[list[float], list[str]]:
@@ -52,7 +52,7 @@ def even_numbers(low: float, high: float, max_count: int) -> tuple[list[float], 
 
 
 def in_ratios(low: float, high: float, max_count: int) -> tuple[list[float], list[str]]:
-    """Return two to `max_count` (3 or more) numbers of a logarithmic axis from `low` to `high`."""
+    """Return two to `max_count` (at least 3) numbers of a logarithmic axis, and their texts."""
     if high / low < CURVED_RATIO:
         return even_numbers(low, high, max_count)
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
@@ -161,9 +161,9 @@ class Typesetter:
         self.plain, self.prose = plain, _splitting(_CODE, code, stressed)
 
 
-# Ratio of the ends from which on each tick of a logarithmic axis shows its power of ten.
+# Ratio of a logarithmic axis's ends, from which each number is written with its own power of ten.
 LONG_LOG_RATIO = 1e4
-CROWDED_RATIO = 1e5  # ratio of the ends from which on minor ticks would be too many
+CROWDED_RATIO = 1e5  # ratio of an axis's ends, from which minor ticks would be too many
 NARROW_RATIO = 1e-3  # ratio of an axis's width to its largest value, below which `origin` is not 0
 
 
@@ -217,7 +217,7 @@ class Scale:
     def ticks(
         self, max_count: int = 3, *, clear: float = 0.05, letter: float = 0.0
     ) -> tuple[Array, list[str]]:
-        """Return two to `max_count` (3 or more) ticks at round values, and their texts.
+        """Return two to `max_count` (at least 3) ticks at round values, and their texts.
 
         `clear` is their smallest distance from the ends, and `letter` the width of a letter, both as
         fractions of the axis.

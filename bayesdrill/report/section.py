@@ -121,8 +121,8 @@ class IntervalBar:
 class Table:
     """The table has cells of text.
 
-    `left_aligned` and `brief` have the heads of left-aligned columns, and of those that a terminal
-    shows; None means all. `bars` has an interval for each line, which a page draws, or is empty.
+    `left_aligned` has the heads of left-aligned columns, and `brief` those that a terminal shows
+    (None: all). `bars` has an interval for each line, which a page draws, or is empty.
     """
 
     heads: tuple[str, ...]

@@ -30,7 +30,7 @@ else:  # annotations are never evaluated, so matplotlib need not load
 
 Look = Mapping[str, Any]  # keyword arguments of matplotlib artists
 NONE = np.empty(0)
-SMALL = 0.83  # ratio of font sizes in figures of one and of two columns of text
+SMALL = 0.83  # font size in figures of single width, relative to double width
 
 
 def fix_look(**entries: Any) -> Look:
@@ -200,7 +200,7 @@ def nominal_looks(sides: Collection[int], marker: str = ">") -> dict[str, Look]:
 
 
 def legend_handles(looks: Mapping[str, Look]) -> list[Any]:
-    """Return handles of a legend by their labels: patches for looks with a face, or else lines."""
+    """Return handles of a legend: patches for looks with a `facecolor`, lines for the others."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -244,7 +244,7 @@ def save(
 
 
 def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
-    """Return metadata as the writer of a format accepts them; Keywords joins entries unknown to it."""
+    """Return metadata that the format accepts; its entry `Keywords` joins entries unknown to it."""
     if kind not in _DATES:
         return dict(metadata)
     known: dict[str, str | None] = {

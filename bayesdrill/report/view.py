@@ -55,8 +55,8 @@ class ReportPart:
     """A report part is the contribution of one module to the report of a run.
 
     `sections` returns its text, with the pictures of its figures. `figures` has the function that
-    draws each figure, by name. `files` has the functions that return its tables as texts, None if a
-    run has no such table.
+    draws each figure, by name. `files` has functions that return the text of a table, or None if a
+    run has no such table, by file name.
     """
 
     sections: Callable[[ReportContext, Sequence[Picture]], Iterable[Section]]
@@ -127,7 +127,7 @@ class ReportContext(Value):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences on priors, record and rig that are no reason to doubt the draws."""
+        """Return sentences on priors, record and rig that give no reason to doubt the draws."""
         analysis = self.analysis
         missed = Finding("some missed", {}, {"percent": 100 * self.sampled.missed})
         others = (

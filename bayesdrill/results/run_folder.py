@@ -137,7 +137,7 @@ WriteMode = Literal["fresh", "resume", "force", "report", "read"]
 
 CHAIN = "chain.h5"
 VERSION_OF = "the version of "  # prefix of fingerprint entries that may change before a report
-LONGEST = 120  # largest length of a value in a message
+LONGEST = 120  # largest number of characters of a value in a message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,13 +167,13 @@ class FolderEntries:
 
 
 def dump_record(record: Any, form: int, **others: Any) -> str:
-    """Return a checksummed JSON text: the dataclass `record`, its format version, and `others`."""
+    """Return checksummed JSON: the dataclass `record`, its format version `form`, and `others`."""
     fields = dataclasses.asdict(record)
     return output_files.dumps_checksummed({"form": form, **others, **fields})
 
 
 def load_record[T](path: Path, kind: type[T], form: int) -> tuple[T, dict[str, Any]]:
-    """Read a file of `dump_record`; raises `InputError` if damaged or of another format version."""
+    """Read a text of `dump_record`; raises `InputError` if damaged or of another format version."""
     why = COMPUTED_AGAIN
     try:
         data = output_files.loads_checksummed(path.read_bytes())
@@ -288,9 +288,9 @@ class Folder:
         return mark(self.fingerprint)
 
     def refuse_foreign(self, name: str, run: str | None) -> None:
-        """Raise `InputError` if the file with this name belongs to another `run`.
+        """Raise `InputError` if the file `name`, which has the mark `run`, is of another run.
 
-        Files of older versions name no run; they are accepted if `run.json` has their digest.
+        Files of older versions have no mark; they are accepted if `run.json` has their digest.
         """
         path = self.path / name
         if run == self.run:
@@ -303,7 +303,7 @@ class Folder:
         raise InputError.at(str(path), message)
 
     def path_of(self, name: str) -> Path:
-        """Return the path of an output; raises `KeyError` if this kind of run lacks it."""
+        """Return the path of an output; raises `KeyError` if this kind of run does not have it."""
         if not self.kind.is_output(name):
             raise KeyError(name)
         return self.path / name
@@ -314,7 +314,7 @@ class Folder:
         return {n: output_files.digest(self.path / n) for n in names if n != self.kind.mark}
 
     def remove_stale(self, names: Collection[str]) -> None:
-        """Remove files of an earlier report that the present report does not write."""
+        """Remove the files `names`, which only an earlier report wrote."""
         for name in {*output_files.output_names(self.path, self.kind)} & {*names}:
             self.path_of(name).unlink()
 
@@ -403,7 +403,7 @@ def _piece_name(ensemble: int, first_step: int) -> str:
 
 
 def mark(fingerprint: Mapping[str, Any]) -> str:
-    """Return the mark of a run: 12 hex digits of a digest of its fingerprint without versions."""
+    """Return the mark of a run: 12 hex digits of the hash of its fingerprint without versions."""
     settings = sorted(
         (n, value) for n, value in fingerprint.items() if not n.startswith(VERSION_OF)
     )
@@ -412,7 +412,7 @@ def mark(fingerprint: Mapping[str, Any]) -> str:
 
 
 def read_run(folder: Path) -> dict[str, Any] | None:
-    """Read `run.json`, or return None without one; raises `InputError` if it is damaged or foreign."""
+    """Read `run.json`; return None if it is missing, raise `InputError` if damaged or foreign."""
     path = folder / RUN
     if not output_files.path_kind(path):
         return None

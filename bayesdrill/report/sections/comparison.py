@@ -75,7 +75,7 @@ def comparison_sections(
         build("Verdict", "\n".join(comparison_verdict(models))),
         *drawn,
         build("Models", comparison_table(models), Note(COMPARISON_READ), scores),
-        # `Sentences` are kept if they are empty too: a terminal then shows an empty line.
+        # `build` keeps empty `Sentences`, too, and a terminal shows an empty line for them.
         build("How the unknowns move", moved, read, Sentences("\n".join(far))),
         build("What differs between the models", settings, brief=False),
     )
@@ -180,8 +180,8 @@ def _against_best[S: (HeldOutScore, LooScore)](
         if score is None or best is None:
             cells.append(none)
         else:
-            apart, error = difference(score, best)
-            cells.append("best" if apart == 0.0 else f"{apart:.1f} +- {error:.1f}")
+            gap, error = difference(score, best)
+            cells.append("best" if gap == 0.0 else f"{gap:.1f} +- {error:.1f}")
     return cells
 
 
@@ -250,7 +250,7 @@ def comparison_figure(
     """Draw models, the most probable one on top and in black; `rows` of unknowns are in SI units."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [model.layer for model in models]
-    # An unknown is drawn if two models have it, or half of more than `FEW_MODELS`; the table has all.
+    # Two models must have an unknown that is drawn; of more than `FEW_MODELS` models, half of them.
     least = max(2, len(models) / 2) if len(models) > FEW_MODELS else 2
     common = [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least]
     shared = [overlay.scaled_row(row, layers, display_units) for row in common[:MAX_UNKNOWNS]]

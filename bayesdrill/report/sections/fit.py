@@ -37,10 +37,10 @@ from bayesdrill.report.view import Drawing, ReportContext, ReportPart, for_each_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """The channel has measured (or NaN) and modelled values `(T,)`.
+    """A channel has measured values `y (T,)`, NaN if missing, and values `model (T,)`.
 
     `predictive (N, T)` are draws with noise, or None, and `sigma` is the sd of the noise.
-    `unexplained` is a fraction of the channel's spread, NaN for a constant channel.  `dots` are
+    `unexplained` is rms of residuals / sd of the channel, NaN for a constant channel.  `dots` are
     indices of the evenly spaced samples that are drawn as dots.
     """
 
@@ -57,7 +57,7 @@ class Signal:
 class Course:
     """A course has `values (T,)` of a measured input or a friction, held or `straight` between samples.
 
-    A friction at the MAP has a `band (2, T)` of draws, and rests between each pair of times in `sticks`.
+    A friction at the MAP has a `band (2, T)` of draws, and sticks between pairs of times, `sticks`.
     """
 
     label: Symbol
@@ -91,7 +91,7 @@ def every_fit(
     predictive: Mapping[str, Array] | None = None,
     rubbing: Sequence[Sequence[FrictionMotion]] = (),
 ) -> Iterator[Fit]:
-    """Yield the fit of each experiment, at the MAP `(D,)` with its residuals.
+    """Yield the fit of each experiment at the MAP `best (D,)`; `left` summarises its residuals.
 
     `predictive` has draws `(..., T)` of each channel, SI, by its name among all experiments.
     `rubbing` has the frictions of each experiment, or is empty.
@@ -146,7 +146,7 @@ def _channels(
     best: Array,
     models: Array,
     indices: Indices,
-    explained_fractions: Mapping[str, float],
+    unexplained: Mapping[str, float],
     predictive: Mapping[str, Array],
 ) -> Iterator[Signal]:
     """Yield each channel with its model `(T, K)`, at the samples that are shown."""
@@ -163,12 +163,12 @@ def _channels(
             model=models[indices, k] / unit.factor,
             predictive=draws,
             sigma=float(sigmas[k]) / unit.factor,
-            unexplained=explained_fractions[channel.name],
+            unexplained=unexplained[channel.name],
         )
 
 
 DOTS = 3000  # largest number of measured samples that are drawn in a panel
-SHOWN_STRETCHES = 20_000  # segments of a long record; a figure has the extremes of each segment
+SHOWN_STRETCHES = 20_000  # number of segments of a long record; a figure shows their extremes
 
 
 def _shown_samples(observation: Observation, models: Array, efforts: Sequence[Array]) -> Indices:
@@ -207,7 +207,7 @@ def extremes(y: Array, max_count: int) -> Indices:
 
 
 def corners(u: Array, max_count: int) -> Indices:
-    """Return indices at which a held input `u` begins, changes and ends, or `extremes` of too many."""
+    """Return indices where a held input `u` begins, changes and ends, or `extremes` if too many."""
     changes = np.flatnonzero(np.diff(u)) + 1
     indices = np.unique(np.concatenate([[0, len(u) - 1], changes]))
     return indices if len(indices) <= max_count else extremes(u, max_count)
@@ -241,8 +241,8 @@ def _prediction(observation: Observation, full: Array) -> str:
     return text.getvalue()
 
 
-# Heights of panels with their axes [in]: of inputs or frictions, and of signals.  Figures as wide as
-# one column of text also have panels of residuals, below the signals.
+# Heights of panels with their axes [in]: of inputs or frictions, and of signals.  Figures of single
+# width have residuals below the signals, and the third height is theirs.
 WIDE_HEIGHTS, NARROW_HEIGHTS = (0.85, 1.55), (0.65, 1.05, 0.65)
 SHARES = (0.6, 0.4)  # fractions of the figure's width, for signals and for residuals
 
@@ -335,7 +335,7 @@ def _dots(panel: Axes, x: Array, y: Array) -> None:
 
 
 def _course(panel: Axes, course: Course, time: scales.Scale, t: Array) -> None:
-    """Draw an input as the model holds it between samples; sticking friction is hatched."""
+    """Draw an input or a friction, held or straight between samples; hatching shows sticking."""
     u, band = course.values, course.band
     drawn = (extremes if course.straight or band is not None else corners)(u, LINE_POINTS)
     low, high = float(u.min()), float(u.max())
@@ -395,7 +395,7 @@ def _numbers(
 
 
 def _legend(fit: Fit, at: str) -> dict[str, style.Look]:
-    """Return the entries of the legend; constant inputs are among them."""
+    """Return the entries of the legend, including constant inputs."""
     model = f"model at {at}"
     if fit.courses:
         how = "straight" if fit.courses[0].straight else "held"

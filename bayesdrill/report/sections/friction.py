@@ -44,7 +44,7 @@ def effort_symbol(friction: Friction) -> Symbol:
 
 
 def speed_symbol(state: str, inertia: InertiaRoles | None, model: Model) -> Symbol:
-    """Return the symbol of a current or a speed; before a gear it is the speed of the inertia itself."""
+    """Return the symbol of the current or speed `state`; behind a gear, of the inertia's speed."""
     symbol = model.symbols[state]
     if inertia is None or not inertia.latex:
         return symbol

@@ -35,7 +35,7 @@ SHAPES = {
     "flat": "any value of its prior fits as well: the record does not determine it",
     "at the bound": "the best fit lies at the end of its prior",
 }
-# A parameter that the record alone does not determine has limits: beyond, others leave their priors.
+# The limits of a parameter that only the priors of others limit: beyond, these leave their priors.
 THROUGH_OTHERS = "by the ends of the others' priors; the record alone does not determine it"
 
 
@@ -286,7 +286,7 @@ def describe_profiles(
 
 
 def _row(study: IdentifiabilityStudy, known_product: KnownProduct) -> tuple[str, ...]:
-    # The record alone does not determine it, but ratios are known, and other unknowns have priors.
+    # The record alone determines only ratios to others, and the priors of those do the rest.
     shared = math.isinf(known_product.bound) and known_product.word != "left to the prior"
     return (
         f"  {product(study.names, known_product.exponents)}",
@@ -298,7 +298,7 @@ def _row(study: IdentifiabilityStudy, known_product: KnownProduct) -> tuple[str,
 
 
 def percent(sd_of_log: float) -> str:
-    """Return a standard deviation of a log as a percentage, without a number above 1000 %."""
+    """Return a standard deviation of a log as a percentage; above 1000 %, only this limit."""
     value = 100.0 * sd_of_log
     if value > 1000:
         return "> 1000 %"
@@ -315,7 +315,7 @@ def _count(n: int, text: str, many: str) -> str:
 
 LETTER = 0.04  # width of a letter, relative to a panel
 HIGHEST = 8.0  # largest loss that is shown
-MARGIN = 0.04  # margin of a panel, so that steep ends can be seen
+MARGIN = 0.04  # margin at both ends of an axis, relative to its range, for curves that end steeply
 
 
 def profile_figure(
@@ -343,9 +343,9 @@ def _panel(
     panel: Axes, profile: Profile, symbol: Symbol, nominal: float | None, *, log: bool
 ) -> int:
     """Return the side on which the nominal value is off the axis: -1, 0 or 1."""
-    near = profile.loss <= HIGHEST
-    first, last = (int(k) for k in np.flatnonzero(near)[[0, -1]])
-    shown = slice(max(first - 1, 0), min(last + 2, len(near)))
+    low = profile.loss <= HIGHEST
+    first, last = (int(k) for k in np.flatnonzero(low)[[0, -1]])
+    shown = slice(max(first - 1, 0), min(last + 2, len(low)))
     values, loss = profile.values[shown], profile.loss[shown]
     scale = scales.scale(_edge(values, loss, 0), _edge(values, loss, -1), log=log, margin=MARGIN)
     fine = np.geomspace(values[0], values[-1], 400)
@@ -378,7 +378,7 @@ def _edge(values: np.ndarray, loss: np.ndarray, end: int) -> float:
 
 BAR, NARROW_BAR = 0.27, 0.42  # heights of bars [in]; narrow figures have labels above their bars
 LEAST_EXPONENT = 0.15  # smaller exponents are left out of a label
-BEYOND = 30.0  # factors of the axis above the largest finite sd, and below the smallest
+BEYOND = 30.0  # factor by which the axis exceeds the finite sds at either end
 
 
 def spectrum_figure(
