@@ -119,7 +119,7 @@ class LimitPenalty:
     """For a linear rig, the penalty sums squared excesses over limits at draws `theta (W, D)`.
 
     States are linear in the levels, so the integral of a power [W] is a quadratic form.  Limits
-    without an integral are checked at some instants of each hold interval, mostly at its beginning.
+    without an integral are checked at some instants of each hold interval, most near its beginning.
     """
 
     def __init__(self, check: LimitCheck, theta: Array) -> None:
@@ -139,7 +139,7 @@ class LimitPenalty:
         self._size = check.sizes(theta, np.full(count, max(source.low, source.high, key=abs)))
 
     def _draw(self, theta: Array, times: Array) -> tuple[Array, Array]:
-        """Return states `(t, S + 1, X)` at `times`, and integrals as forms `(L, S + 1, S + 1)`."""
+        """Return states `(t, S + 1, X)` at `times`, and forms `(L, S + 1, S + 1)` for integrals."""
         check, count = self._check, self._check.coming.source.count
         still, *pulses = (check.coming.motion(theta, u)[1][0] for u in np.eye(count + 1)[:, 1:])
         states = np.stack([still, *(pulse - still for pulse in pulses)], axis=1)
@@ -158,7 +158,7 @@ class LimitPenalty:
         return fewer
 
     def __call__(self, levels: Array) -> tuple[float, Array]:
-        """Return the sum of (excess / size at the extreme level)^2, and its gradient `(S,)`."""
+        """Return the sum of squared relative excesses, and its gradient `(S,)`."""
         x, pulses = np.append(1.0, levels), self._pulses[self._times]
         motion = Dual((x @ self._states)[:, :, None], self._states[:, :, 1:])
         driven = Dual((pulses @ x)[None, :, None], pulses[None, :, 1:])

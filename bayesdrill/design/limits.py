@@ -45,7 +45,7 @@ class RigLimit:
         constant: Mapping[str, Any],
         interval: float,
     ) -> Any:
-        """Return the limited quantity `(W, T, 1)`, with derivatives if arguments are dual numbers.
+        """Return the limited quantity `(W, T, 1)`, with derivatives for dual states and inputs.
 
         The trapezoidal rule gives integrals; inputs are constant in each sampling `interval` [s].
         """

@@ -1,6 +1,6 @@
 """Predict standard deviations after a coming record, with exact instead of Gaussian priors.
 
-Directions that the coming record does not determine keep the priors, including their bounds.
+In directions that a record does not determine, the posterior keeps the priors and their bounds.
 Near a draw, the likelihood is approximated by a Gaussian on natural scales (logs of positive
 unknowns; other unknowns / scale).  Its product with the priors is sampled by elliptical slices
 (Murray, Adams and MacKay 2010).  A Gauss-Newton step moves some samples to the likelihood's ridge.

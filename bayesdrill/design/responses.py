@@ -27,7 +27,7 @@ from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.record.experiment import Experiment, channels_first, frozen, with_states
 from bayesdrill.rig.simulators.contract import Simulator
 
-MAX_BYTES = 6e8  # upper limit of memory [bytes] for the slopes of all pulses before the QR step
+MAX_BYTES = 6e8  # upper limit of memory [bytes] for the slopes of all pulses, before the QR step
 
 
 @dataclass(frozen=True, kw_only=True)

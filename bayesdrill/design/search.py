@@ -1,9 +1,9 @@
 """Search for the levels that minimise the criterion within all limits.
 
 For a linear rig, a bounded quasi-Newton method (L-BFGS-B; Byrd, Lu, Nocedal and Zhu 1995) uses the
-exact gradient.  Penalties replace the limits of the rig and of the slew rate.  They permit a small
-excess, so the result is moved towards a waveform that keeps all limits, until enough draws keep
-them.  For a rig with friction, levels are exchanged one by one (Meyer and Nachtsheim 1995).
+exact gradient.  Penalties replace the limits of the rig and of the slew rate.  Penalties permit a
+small excess, so the result is moved towards a waveform that keeps all limits, until enough draws
+keep them.  For a rig with friction, levels are exchanged one by one (Meyer and Nachtsheim 1995).
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def descend(
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Return the best result of descents from two of the `waveforms` and from random levels."""
+    """Return the best result of descents from the two best `waveforms` and from random levels."""
     source = evaluation.coming.source
     ranked = sorted(waveforms.values(), key=lambda levels: value(evaluation, levels))
     starts = [*ranked[:2], *_random(evaluation, rng)]

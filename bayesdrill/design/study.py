@@ -34,7 +34,7 @@ from bayesdrill.design.waveforms import FREE
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.record.experiment import Experiment
 
-RECORDED, REPEATED, DESIGNED = "as recorded", "repeated", "designed"  # waveforms besides families
+RECORDED, REPEATED, DESIGNED = "as recorded", "repeated", "designed"  # further waveforms
 NOTHING: Mapping[str, float] = MappingProxyType({})
 BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 
@@ -43,7 +43,7 @@ BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 class DesignRequest:
     """A request names its targets in `learn`; empty means all products that can be determined.
 
-    `family` is one of `waveforms.FAMILIES`, or `FREE`.  The request is for so many `experiments`.
+    `family` is one of `waveforms.FAMILIES`, or `FREE`.  `experiments` is the number of experiments.
     """
 
     source: SourceLimits

@@ -107,7 +107,7 @@ def hidden_by(slopes: Array, structure: ScalingStructure) -> tuple[Exponents, ..
 
 
 def independent(slopes: Array) -> list[int]:
-    """Return indices of targets that are independent of earlier targets at the first draw."""
+    """Return indices of targets that are linearly independent of earlier ones at the first draw."""
     chosen: list[int] = []
     for k in range(slopes.shape[1]):
         values = np.linalg.svd(slopes[0, [*chosen, k]], compute_uv=False)

@@ -105,7 +105,7 @@ def _remedies(
 ) -> tuple[tuple[str, float], ...]:
     """Return actions that break a symmetry, and the factors by which the sd of the target falls.
 
-    Only the best action of each kind is returned.  A kind is, for example, to weigh or to add.
+    Only the best action of each kind is returned.  Kinds are, for example, `weigh` and `add`.
     """
     names = [name for name in target.formula.names if name in structure.names]
     if not symmetries or not names:

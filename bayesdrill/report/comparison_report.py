@@ -1,4 +1,4 @@
-"""Report several runs, overlaid or compared as models of one record, and the result of a ladder."""
+"""Report several runs, overlaid or compared as models of one record, and `bayesdrill ladder`."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ class ComparisonReport:
 
     @property
     def texts(self) -> Mapping[str, str]:
-        """Return the text files by name."""
+        """Return the contents of the text files by name."""
         name, page = self.form.name, as_markdown(self.title, self.sections)
         return {f"{name}.csv": self.table, f"{name}.md": page}
 

@@ -50,7 +50,7 @@ def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
 
 
 SHOWN = 5  # largest number of unknowns that a sentence names
-MAX_SHARE = 10.0  # rms of residuals / sd of a channel, above which the channel hardly changes
+MAX_SHARE = 10.0  # (rms of residuals / sd of a channel) above which the channel hardly changes
 
 
 def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str:
@@ -121,7 +121,7 @@ def residual_reasons(summaries: Sequence[ResidualSummary]) -> tuple[str, ...]:
 
 
 def sandwich_reasons(unsupported: Mapping[str, float]) -> tuple[str, ...]:
-    """Return a reason if quantities are `unsupported` (sandwich sd / sd of the draws), or none."""
+    """Return a reason if quantities are `unsupported` (by sandwich sd / sd of draws), or none."""
     worst = sorted(unsupported.items(), key=lambda pair: -pair[1])
     each = ", ".join(f"{name} (sd {times:.3g} times as large)" for name, times in worst[:SHOWN])
     more = ", ..." if len(worst) > SHOWN else ""
@@ -149,13 +149,13 @@ def _each_channel(summaries: Sequence[ResidualSummary], attribute: str) -> str:
 
 
 def percent(fraction: float) -> str:
-    """Return (rms of residuals / sd of the channel) in per cent, or the limit above `MAX_SHARE`."""
+    """Return (rms of residuals / sd of a channel) as text; above `MAX_SHARE`, only that limit."""
     if fraction > MAX_SHARE:
         return f"> {100 * MAX_SHARE:.0f} %"
     return f"{100 * fraction:.2g} %" if not fraction >= 0.995 else f"{100 * fraction:.0f} %"
 
 
-EARLY = 0.1  # smallest lead of an input before its recorded time that is reported, in samples
+EARLY = 0.1  # smallest reported lead of an input over its recorded time, in samples
 
 
 def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:

@@ -110,7 +110,7 @@ class MapReport:
 
     @property
     def texts(self) -> Mapping[str, str]:
-        """Return the text files by name."""
+        """Return the contents of the text files by name."""
         return {
             TABLE: section.records_as_csv(ModeRow, mode_rows(self.problem, self.mode)),
             **prediction_csv(self.problem, self.best),

@@ -132,7 +132,7 @@ def difference_panel(
     numbers: int = 5,
     look: style.Look = style.CHANCE,
 ) -> None:
-    """Draw zero and the `band` that chance allows at `levels (S,)`, for differences up to `limit`."""
+    """Draw a line at zero, and the `band` of chance at `levels (S,)`; differences reach `limit`."""
     panel.fill_between(levels, *band, zorder=0, **look)
     panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
     panel.set_xlim(0, 1)
@@ -145,12 +145,12 @@ def difference_panel(
 
 Ends = tuple[float, float]
 LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 % in 2D
-BINS = 52  # bins across the draws of one unknown, with a margin for the smoothing
+BINS = 52  # number of bins across the draws of an unknown, with a margin for the smoothing
 CENTRAL_SHARE = 0.999  # fraction of the draws that an axis shows
 # Above this correlation, bins are sheared, and the density is not reflected at priors' ends.
 MIN_SHEARED_CORRELATION = 0.9
 BANDWIDTH_FACTOR = 1.3  # relative to Scott's rule, which suits normal distributions but not boxes
-# Smallest change of density per bandwidth at a contour, in sds of its noise. Noise alone gives 0.8.
+# Smallest change of density per bandwidth [sds of its noise] at a drawn contour; noise gives 0.8.
 MIN_SLOPE_SDS = 2.0
 CONTOUR = {"colors": style.BLACK}
 INNER_GREY, OUTER_GREY = "0.68", "0.85"  # greys inside the inner and the outer contour
@@ -222,7 +222,7 @@ def _bandwidth(x: Array, limits: Ends) -> float:
 
 
 def _resolved_levels(counts: Array, smooth: Sequence[float]) -> tuple[float, ...]:
-    """Return the `LEVELS` along whose contours the density changes by more than its noise."""
+    """Return those of the `LEVELS` at whose contours the density is steeper than its noise."""
     from scipy.ndimage import gaussian_filter
 
     density = gaussian_filter(counts, smooth)

@@ -34,7 +34,7 @@ GOAL = 0.3  # length of the arrow from the goal to the controller of a servo
 
 @dataclass(frozen=True, slots=True)
 class _Link:
-    """The link is a shaft, or a gear with its `ratio`; a symbol below a shaft means a damper."""
+    """The link is a shaft, or a gear with its `ratio`; a shaft with `label_below` has a damper."""
 
     ends: tuple[str, str]
     label_above: str
@@ -110,7 +110,7 @@ class _RigDrawing:
         self.at: dict[str, Point] = {}
 
     def draw(self, channels: Collection[str]) -> Figure:
-        """Lay out all parts, and draw them on a page of their size."""
+        """Lay out all parts, and draw them on a page that fits."""
         rows = self._rows()
         shown = [link for links in self.between.values() for link in links]
         notes = [

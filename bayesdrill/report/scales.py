@@ -1,4 +1,4 @@
-"""Print numbers, symbols and axes: round numbers, LaTeX names, plain or logarithmic scales."""
+"""Format numbers, symbols and axes: round numbers, LaTeX names, plain or logarithmic scales."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ DPI = 220  # resolution of PNG figures
 WIDTHS: Mapping[str, float] = MappingProxyType({"single": SINGLE, "double": DOUBLE})
 # Mantissas of the numbers on a logarithmic axis, from many in each decade to few.
 SERIES: tuple[tuple[float, ...], ...] = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
-CURVED_RATIO = 4.0  # ratio of an axis's ends, from which its numbers have mantissas from SERIES
+CURVED_RATIO = 4.0  # ratio of a logarithmic axis's ends below which its numbers are evenly spaced
 
 
 def even_numbers(low: float, high: float, max_count: int) -> tuple[list[float], list[str]]:
@@ -161,9 +161,9 @@ class Typesetter:
         self.plain, self.prose = plain, _splitting(_CODE, code, stressed)
 
 
-# Ratio of a logarithmic axis's ends, from which each number is written with its own power of ten.
+# Ratio of a logarithmic axis's ends above which each number has its own power of ten.
 LONG_LOG_RATIO = 1e4
-CROWDED_RATIO = 1e5  # ratio of an axis's ends, from which minor ticks would be too many
+CROWDED_RATIO = 1e5  # ratio of an axis's ends above which minor ticks would be too many
 NARROW_RATIO = 1e-3  # ratio of an axis's width to its largest value, below which `origin` is not 0
 
 

@@ -78,7 +78,7 @@ BLACK_LINE = fix_look(color=BLACK, linewidth=0.9)
 BAND = fix_look(facecolor=LIGHT, linewidth=0)
 FAINT_BAND = fix_look(facecolor=FAINT, linewidth=0)
 CROSS = fix_look(color=MAP_COLOUR, marker="+", markersize=8, markeredgewidth=1.2, linestyle="none")
-AWAY = fix_look(color=NOMINAL["color"], markersize=5, linestyle="none")  # a value beyond the axis
+AWAY = fix_look(color=NOMINAL["color"], markersize=5, linestyle="none")  # for values off the axis
 # The looks of the band that chance allows, and of values outside it.
 CHANCE = fix_look(facecolor=FAINT, edgecolor=MIDDLE, linewidth=0.5)
 OUTSIDE = fix_look(color=MAP_COLOUR, linewidth=1.8)
@@ -187,7 +187,7 @@ def mark_values(
 
 
 def corner_text(panel: Axes, text: str, side: str = "left", **look: Any) -> None:
-    """Write a text at the top of a panel, at this side."""
+    """Write a text at the top of a panel; `side` is "left" or "right"."""
     x = 0.03 if side == "left" else 0.97
     panel.text(x, 0.93, text, transform=panel.transAxes, ha=side, va="top", **look)
 
@@ -244,7 +244,7 @@ def save(
 
 
 def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
-    """Return metadata that the format accepts; its entry `Keywords` joins entries unknown to it."""
+    """Return the metadata that a format accepts; `Keywords` joins entries that it does not know."""
     if kind not in _DATES:
         return dict(metadata)
     known: dict[str, str | None] = {

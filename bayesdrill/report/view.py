@@ -55,8 +55,8 @@ class ReportPart:
     """A report part is the contribution of one module to the report of a run.
 
     `sections` returns its text, with the pictures of its figures. `figures` has the function that
-    draws each figure, by name. `files` has functions that return the text of a table, or None if a
-    run has no such table, by file name.
+    draws each figure, by name. `files` has the function that returns the text of each table, by
+    file name; the function returns None if a run has no such table.
     """
 
     sections: Callable[[ReportContext, Sequence[Picture]], Iterable[Section]]

@@ -193,7 +193,7 @@ def preview(problem: Problem, config: Config) -> str:
 
 
 def doubts_before_sampling(problem: Problem) -> tuple[str, ...]:
-    """Return what makes the table, priors, gear or record doubtful before anything is sampled."""
+    """Return reasons to doubt table, priors, gear or record before anything is sampled."""
     kind = "nominal" if problem.nominal else "start"
     findings = (
         *plausibility.plausibility_of_priors(problem),
@@ -210,7 +210,7 @@ def doubts_before_sampling(problem: Problem) -> tuple[str, ...]:
 
 
 def validity(doubts: Sequence[str], text: str) -> str:
-    """Return the sentences that end the check of a config if it has no mistakes.
+    """Return the last sentences of the check of a config that has no mistakes.
 
     They count `doubts`, and the lines of the config's `text` that are still marked REVIEW.
     """

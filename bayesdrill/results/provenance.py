@@ -42,7 +42,7 @@ FORMER_ENTRIES = ("map.pairs", "map.iterations", "map.steady")
 
 
 def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
-    """Return all values that determine the chain, by their names in the config."""
+    """Return all values that determine the chain, by names that messages can use."""
     posterior, sampler = problem.posterior, config.sampler
     space = posterior.space
     search = {f"map.{name}": repr(value) for name, value in config.map}
@@ -222,7 +222,7 @@ def check_record(job: Job, output: Path, record: str | None = None) -> None:
 
 
 def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> None:
-    """Write the config, as given and with defaults, and arrays given in Python as `record`."""
+    """Write the config as given and with defaults, and the text `record` of arrays from Python."""
     if record is None:
         outputs = output_files.output_names(folder.path, folder.kind)
         replaced = [folder.path / name for name in outputs]

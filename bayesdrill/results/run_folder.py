@@ -189,7 +189,7 @@ class Folder:
     """The folder of a run is locked while open; a resumed run must have the same `fingerprint`.
 
     In mode `read`, a folder without a lock file is not locked, since it may be write-protected.
-    Nothing is changed before `begin`, so a refused run leaves the folder unchanged.
+    No result is changed before `begin`, so a refused run leaves all results unchanged.
     """
 
     path: Path

@@ -250,7 +250,7 @@ def comparison_figure(
     """Draw models, the most probable one on top and in black; `rows` of unknowns are in SI units."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [model.layer for model in models]
-    # Two models must have an unknown that is drawn; of more than `FEW_MODELS` models, half of them.
+    # An unknown is drawn if two models have it; with more than `FEW_MODELS`, half of them must.
     least = max(2, len(models) / 2) if len(models) > FEW_MODELS else 2
     common = [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least]
     shared = [overlay.scaled_row(row, layers, display_units) for row in common[:MAX_UNKNOWNS]]

@@ -65,7 +65,7 @@ DIAGNOSTICS = (
     "count the independent ones: the error of a mean is the sd over their square root. Acceptance is "
     "the share of proposed steps that were taken."
 )
-MOST_NAMED, MOST_LISTED = 4, 6  # largest numbers of unknowns that name a maximum, and of maxima
+MOST_NAMED, MOST_LISTED = 4, 6  # largest numbers: unknowns named at a maximum, and maxima
 
 
 def _apart(value: float, other: float) -> bool:
@@ -183,7 +183,7 @@ def describe_convergence(sampled: SamplingResult) -> str:
 
 
 STEPS = 300  # largest number of steps that are drawn
-QUANTILES = (0.05, 0.5, 0.95)  # quantiles of the walkers
+QUANTILES = (0.05, 0.5, 0.95)  # quantiles over the walkers that are drawn
 EXCURSION = 1.0  # largest extension of an axis for burn-in, in widths of the bands after burn-in
 REACH = 0.5  # largest extension of an axis for the nominal value, in widths of the axis
 # Grey, line width and dashes of each ensemble; two neighbours are distinguishable in print.
@@ -197,7 +197,7 @@ LOOKS: tuple[tuple[str, float, Any], ...] = (
 )
 THIN = 0.8  # line width in a panel with all ensembles
 STRETCHES = 45  # number of segments, in each of which a median is averaged to make dashes visible
-MARKS = 4  # number of marks with ensemble numbers in a panel, or one for each of up to 2 * MARKS
+MARKS = 4  # marks with ensemble numbers in a panel; none for more than 2 * MARKS ensembles
 MARK = style.fix_look(linestyle="none", marker="o", markersize=6.5, markeredgewidth=0.5)
 BURN_IN: dict[str, Any] = {**style.HATCHED, "hatch": "////"}
 BANDS = 0.24  # opacity of all bands together
@@ -305,7 +305,7 @@ TAU: dict[str, Any] = {"color": style.BLACK, "linestyle": (0, (4, 2)), "linewidt
 def autocorrelation_figure(
     theta: Array, symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw autocorrelations of chains `(E, S, W, D)` by ensemble; tau and its window are of all."""
+    """Draw autocorrelations of chains `(E, S, W, D)` by ensemble, with tau and window of all."""
     result = autocorrelation(theta)
     lags = min(theta.shape[1], math.ceil(BEYOND * (int(result.window.max()) + 1)) + 1)
     each = [autocorrelation(chain[None]).rho[:lags] for chain in theta]

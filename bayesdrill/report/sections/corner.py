@@ -72,9 +72,9 @@ def _label_with_ends(scale: Scale, symbol: Symbol) -> str:
 class CornerPage:
     """The page has `panels (n, n)` for pairs of `axes`; they are None above the diagonal.
 
-    A legend may widen it up to `width` [inches]. `letters` [points] is the font size of labels, and
-    `pitch` [inches] the distance from panel to panel. Small panels have thinner lines and marks, by
-    the factor `fine`. Labels are `turned` if numbers would be too small.
+    A legend may widen the page up to `width` [inches]. `letters` [points] is the font size of
+    labels, and `pitch` [inches] the distance from panel to panel. Small panels have thinner lines
+    and marks, by the factor `fine`. Labels are `turned` if numbers would be too small.
     """
 
     figure: Figure

@@ -57,7 +57,7 @@ class Signal:
 class Course:
     """A course has `values (T,)` of a measured input or a friction, held or `straight` between samples.
 
-    A friction at the MAP has a `band (2, T)` of draws, and sticks between pairs of times, `sticks`.
+    A friction has a `band (2, T)` of draws, and sticks in intervals with the ends `sticks`.
     """
 
     label: Symbol
@@ -330,7 +330,7 @@ STICKS: dict[str, Any] = {**style.HATCHED, "hatch": "/////"}
 
 
 def _dots(panel: Axes, x: Array, y: Array) -> None:
-    """Draw samples as dots, smaller for more samples, so that lines behind them stay visible."""
+    """Draw samples as dots, smaller for more samples, so that the band behind stays visible."""
     panel.plot(x, y, **(DOT | {"markersize": min(3.0, max(1.0, 40 / math.sqrt(len(x))))}))
 
 

@@ -1,4 +1,4 @@
-"""Report friction: its laws against speed, and parameters that resemble it."""
+"""Report friction: its laws over speed, and parameters that resemble friction."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def effort_symbol(friction: Friction) -> Symbol:
 
 
 def speed_symbol(state: str, inertia: InertiaRoles | None, model: Model) -> Symbol:
-    """Return the symbol of the current or speed `state`; behind a gear, of the inertia's speed."""
+    """Return the symbol of the current or speed `state`; an inertia behind a gear has its own."""
     symbol = model.symbols[state]
     if inertia is None or not inertia.latex:
         return symbol

@@ -1,4 +1,4 @@
-"""Report what a record can show: sentences, tables, profiles, and the spectrum of the information."""
+"""Report what a record can show: sentences, tables, profiles, and the information's spectrum."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SHAPES = {
     "flat": "any value of its prior fits as well: the record does not determine it",
     "at the bound": "the best fit lies at the end of its prior",
 }
-# The limits of a parameter that only the priors of others limit: beyond, these leave their priors.
+# The text for a parameter with limits beyond which other parameters would leave their priors.
 THROUGH_OTHERS = "by the ends of the others' priors; the record alone does not determine it"
 
 
@@ -47,7 +47,7 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
 
 
 def describe_study_point(point: StudyPoint, problem: Problem) -> str:
-    """Return why a record is not studied at the start; empty if the rig moves there."""
+    """Return why a record is not studied at the start values; empty if the rig moves there."""
     if not point.inert:
         return ""
     named = zip(problem.names, point.theta.tolist(), strict=True)
@@ -286,7 +286,7 @@ def describe_profiles(
 
 
 def _row(study: IdentifiabilityStudy, known_product: KnownProduct) -> tuple[str, ...]:
-    # The record alone determines only ratios to others, and the priors of those do the rest.
+    # The record alone determines only ratios to other unknowns, whose priors do the rest.
     shared = math.isinf(known_product.bound) and known_product.word != "left to the prior"
     return (
         f"  {product(study.names, known_product.exponents)}",
@@ -342,7 +342,7 @@ def profile_figure(
 def _panel(
     panel: Axes, profile: Profile, symbol: Symbol, nominal: float | None, *, log: bool
 ) -> int:
-    """Return the side on which the nominal value is off the axis: -1, 0 or 1."""
+    """Draw a profile; return the side on which the nominal value is off the axis: -1, 0 or 1."""
     low = profile.loss <= HIGHEST
     first, last = (int(k) for k in np.flatnonzero(low)[[0, -1]])
     shown = slice(max(first - 1, 0), min(last + 2, len(low)))
@@ -384,7 +384,7 @@ BEYOND = 30.0  # factor by which the axis exceeds the finite sds at either end
 def spectrum_figure(
     study: IdentifiabilityStudy, latex: Mapping[str, str], width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw a bar for each direction, its length the Cramer-Rao bound on a logarithmic axis."""
+    """Draw a bar for each direction; it ends at the Cramer-Rao bound, on a logarithmic axis."""
     directions = study.information.directions
     wide, n = width >= scales.DOUBLE, len(directions)
     bar = BAR if wide else NARROW_BAR

@@ -37,7 +37,7 @@ def overlay_shown(row: OverlayRow, units: DisplayUnits) -> OverlayRow:
 
 
 def in_logs(row: OverlayRow, layers: Sequence[PosteriorSummary]) -> bool:
-    """Return whether the prior of the first run that has this unknown is flat in its log."""
+    """Return whether the first run that has this unknown has a prior that is flat in logs."""
     priors = (
         layer.problem.posterior.space.priors.get(row.symbol.name)
         for layer in layers
@@ -60,7 +60,7 @@ COLUMNS = ("name", "unit", "run", "nominal", "mean", "sd", *HDI_ENDS, "held", "a
 
 
 def overlay_csv(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> str:
-    """Return CSV in SI, a line for each unknown and run; `apart` is the largest distance of two."""
+    """Return CSV in SI, a line by unknown and run; `apart` is the largest distance of two runs."""
     lines: list[Sequence[object]] = [COLUMNS]
     for row in rows:
         for layer, place, nominal in zip(layers, row.places, row.nominal, strict=True):
@@ -97,7 +97,7 @@ def overlay_table(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]
 
 
 def farthest(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> Iterator[str]:
-    """Describe which unknowns of two runs are farthest apart."""
+    """Describe the unknowns whose means in two runs are farthest apart."""
     pairs = [(row.distance, row) for row in rows if row.distance is not None]
     ordered = sorted(pairs, key=lambda pair: -pair[0])
     if not ordered:
@@ -151,7 +151,7 @@ class RunStyle:
     linestyle: Any
     marker: str
     linewidth: float = 1.0
-    size: float = 4.0  # of the marker
+    size: float = 4.0  # size of the marker [points]
 
     @property
     def line(self) -> dict[str, Any]:
@@ -183,7 +183,7 @@ def run_looks(layers: Sequence[PosteriorSummary], *, marked: bool = False) -> di
 CENTRAL_SHARE = 0.998  # share of the draws of each run inside an axis
 CORNER_REACH = 0.5  # largest growth of an axis to show the nominal value, in widths of the axis
 BINS = 40  # number of bins across an axis
-MIN_FILLED_SHARE = 0.02  # fraction of an axis; narrower draws have as many bins as this fraction
+MIN_FILLED_SHARE = 0.02  # smallest fraction of an axis that counts as covered by draws, for bins
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,7 +321,7 @@ def draw_intervals(
     *,
     arrow: bool = True,
 ) -> None:
-    """Draw the interval of each run, the first of the `order` on top; an `arrow` shows far values."""
+    """Draw intervals of runs, the first of `order` on top; an `arrow` shows a far nominal value."""
     style.mark_values(panel, scale, row.agreed, arrow=arrow, zorder=1)
     for y, run, look in zip(range(len(order) - 1, -1, -1), order, looks, strict=False):
         estimate, nominal = row.places[run], row.nominal[run]

@@ -260,7 +260,7 @@ BOX = style.fix_look(
 def prior_posterior_figure(
     draws: Array, displayed: DisplayedUnknowns, width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw priors and draws `(N, D)` of the `displayed` unknowns, for the range of each prior."""
+    """Draw priors and draws `(N, D)` of the `displayed` unknowns, over the range of each prior."""
     symbols = displayed.symbols
     width = width if len(symbols) > 1 else scales.SINGLE
     with style.styled(width):

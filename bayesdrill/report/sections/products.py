@@ -54,9 +54,9 @@ def derived_table(rows: Sequence[DerivedRow], meanings: Mapping[str, str]) -> Ta
 def derived_shown(
     problem: Problem, names: Sequence[str] | None, draws: Array, derived: Derived, theta: Array
 ) -> tuple[Array, DisplayedUnknowns]:
-    """Return draws `(N, D)` of `names` (None: all unknowns) in display units, and their display.
+    """Return draws `(N, D)` of `names` (None: all unknowns) in display units, and how to show them.
 
-    Names are of unknowns, with `draws (E, N, D)`, or of derived quantities. `theta (1, D)` is the
+    A name is of an unknown, in `draws (E, N, D)`, or of a derived quantity. `theta (1, D)` is the
     MAP. Draws without a value, and quantities that are constant, are left out.
     """
     symbols, units = (*problem.symbols, *derived.symbols), problem.units
