@@ -139,14 +139,14 @@ def _minimise(
     from scipy.optimize import minimize  # late: few commands need this
 
     source = penalty.source
-    size, most = max(abs(source.low), abs(source.high)), source.slew * source.interval
+    size, max_step = max(abs(source.low), abs(source.high)), source.slew * source.interval
 
     def objective(scaled: Array) -> tuple[float, Array]:
         levels = scaled * size
         total, slope = penalty(levels)
-        if most < np.inf:
+        if max_step < np.inf:
             steps = np.diff(levels, prepend=0.0) / size
-            over = np.sign(steps) * np.maximum(np.abs(steps) - most / size, 0.0)
+            over = np.sign(steps) * np.maximum(np.abs(steps) - max_step / size, 0.0)
             total += float(over @ over)
             slope = slope + 2.0 * (over - np.append(over[1:], 0.0)) / size
         total, slope = weight * total, weight * slope

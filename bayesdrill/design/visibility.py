@@ -35,7 +35,7 @@ LEAST_FALL = 1.05  # least factor by which a named remedy divides the sd of the 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetVisibility:
-    """The k targets have relative derivatives `slopes (W, k, m)`; the `visible` ones can be learnt.
+    """The k targets have relative derivatives `slopes (W, k, m)`; those at `visible` can be learnt.
 
     For each target, `hidden_by` names the unknowns that each exact symmetry changes together with
     the target.  `remedies` are actions that would break such a symmetry, and the factors by which

@@ -1,4 +1,4 @@
-"""Report several runs, overlaid or compared as models of one record, and `bayesdrill ladder`."""
+"""Report several runs, overlaid or compared as models of one record; describe ladders of models."""
 
 from __future__ import annotations
 

@@ -236,7 +236,7 @@ def finding_sentences(findings: Iterable[Finding]) -> tuple[str, ...]:
 
 
 def finding_sentence(finding: Finding) -> str:
-    """Return the sentence of a finding, which begins with the experiment's label if one is named."""
+    """Return the sentence of a finding; it begins with the label of its experiment, if any."""
     names, numbers = finding.names, finding.numbers
     phrases = _phrases(finding)
     if finding.kind == "two groups of walkers":

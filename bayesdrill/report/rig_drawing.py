@@ -88,7 +88,7 @@ def _draw_rig(run: ReportContext) -> Drawing | None:
 
 
 class _RigDrawing:
-    """The drawing lays the parts of a rig out in rows: the longest chain first, then branches."""
+    """The drawing arranges the parts of a rig in rows: the longest chain first, then branches."""
 
     def __init__(self, rig: Model) -> None:
         self.rig, self.roles = rig, rig.roles

@@ -193,7 +193,7 @@ class Scale:
         return self.axis_numbers(values)
 
     def axis_numbers(self, x: Array | float) -> Array:
-        """Return the numbers that the axis shows for values `x`, by its origin and power of ten."""
+        """Return the numbers that the axis shows for values `x`: (x - origin) / 10**power."""
         return np.asarray((np.asarray(x) - self.origin) / 10.0**self.power, dtype=np.float64)
 
     def value(self, u: Array | float) -> Array:

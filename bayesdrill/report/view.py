@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A drawing is a function that draws a figure, perhaps in another process, and its arguments.
+    """A drawing has a function that draws a figure, perhaps in another process, with `arguments`.
 
     `says` describes the figure, for its caption and for readers who do not see it.
     """
@@ -54,7 +54,7 @@ type Recipe = Callable[[ReportContext], Drawing | tuple[Drawing, ...] | None]
 class ReportPart:
     """A report part is the contribution of one module to the report of a run.
 
-    `sections` returns its text, with the pictures of its figures. `figures` has the function that
+    `sections` returns the part's text, with given pictures. `figures` has the function that
     draws each figure, by name. `files` has the function that returns the text of each table, by
     file name; the function returns None if a run has no such table.
     """

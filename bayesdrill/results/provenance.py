@@ -113,7 +113,7 @@ def _model(rig: Model) -> str:
 
 
 def _of_experiments(problem: Problem) -> dict[str, str]:
-    """Return the entries of all experiments; with several, their names include the label."""
+    """Return the entries of all experiments; with several, entries are named with their labels."""
     entries: dict[str, str] = {}
     for observation in problem.all_observations:
         names, sensing = observation.experiment.names, observation.response.sensing

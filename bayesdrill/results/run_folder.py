@@ -136,7 +136,7 @@ def read_chain(path: Path, ensemble: int) -> tuple[ChainSegment, str | None]:
 WriteMode = Literal["fresh", "resume", "force", "report", "read"]
 
 CHAIN = "chain.h5"
-VERSION_OF = "the version of "  # prefix of fingerprint entries that may change before a report
+VERSION_OF = "the version of "  # prefix of fingerprint entries that may differ in a new report
 LONGEST = 120  # largest number of characters of a value in a message
 
 
@@ -272,7 +272,7 @@ class Folder:
     def begin(self, **entries: Any) -> None:
         """Begin to write: with --force the files of an earlier run are removed first.
 
-        `run.json` is replaced by these `entries` and is never missing. Without it, the folder of a
+        `run.json` gets these `entries` and is never missing. Without it, the folder of a
         run that is killed now would seem to belong to another program.
         """
         output_files.clean_up(self.path, self.kind)
@@ -344,7 +344,7 @@ class Folder:
         return bool(self._unfinished()) or (self.path / CHAIN).exists()
 
     def _unfinished(self) -> list[str]:
-        """Return the files of segments that the chain does not contain yet."""
+        """Return the names of files with segments that the chain does not contain yet."""
         return [
             n for n in output_files.output_names(self.path, output_files.UNFINISHED) if n != RUN
         ]

@@ -75,7 +75,7 @@ def comparison_sections(
         build("Verdict", "\n".join(comparison_verdict(models))),
         *drawn,
         build("Models", comparison_table(models), Note(COMPARISON_READ), scores),
-        # `build` keeps empty `Sentences`, too, and a terminal shows an empty line for them.
+        # `Sentences` are kept if they are empty, for an empty line on the terminal.
         build("How the unknowns move", moved, read, Sentences("\n".join(far))),
         build("What differs between the models", settings, brief=False),
     )

@@ -55,9 +55,10 @@ class Signal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """A course has `values (T,)` of a measured input or a friction, held or `straight` between samples.
+    """A course has `values (T,)` of a measured input, or of a friction at the MAP.
 
-    A friction has a `band (2, T)` of draws, and sticks in intervals with the ends `sticks`.
+    An input is held or `straight` between samples.  A friction has a `band (2, T)` of draws, and it
+    sticks from the first to the second time of each pair in `sticks`.
     """
 
     label: Symbol
@@ -93,7 +94,7 @@ def every_fit(
 ) -> Iterator[Fit]:
     """Yield the fit of each experiment at the MAP `best (D,)`; `left` summarises its residuals.
 
-    `predictive` has draws `(..., T)` of each channel, SI, by its name among all experiments.
+    `predictive` has draws `(..., T)` of each channel, SI, by its name with the experiment's label.
     `rubbing` has the frictions of each experiment, or is empty.
     """
     clock, full = problem.clock, problem.posterior.space.full(best[None])

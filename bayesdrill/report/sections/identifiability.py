@@ -206,7 +206,7 @@ def remedies(study: IdentifiabilityStudy) -> str:
 
 
 def open_products(study: IdentifiabilityStudy, thresholds: IdentifySpec) -> list[Exponents]:
-    """Return products, selected as in a verdict, that a record is expected to leave open."""
+    """Return products, selected as in a verdict, that a record is not expected to determine."""
     prior_sd = np.array([known.prior_sd for known in study.parameters])
     expected = study.information.with_priors(prior_sd)
 

@@ -22,7 +22,7 @@ from bayesdrill.report.style import Axes, Figure
 
 
 def overlay_shown(row: OverlayRow, units: DisplayUnits) -> OverlayRow:
-    """Return a row in the unit in which its symbol is shown."""
+    """Return a row in the display unit of its symbol."""
     factor = units.factor(row.symbol.name)
     return dataclasses.replace(
         row,

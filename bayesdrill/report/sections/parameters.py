@@ -88,7 +88,7 @@ def sandwich_table(
     windows: Sequence[Sequence[FittedValue]],
     display_units: DisplayUnits,
 ) -> Table:
-    """Build a table of posterior sds, sandwich `sds` [SI], and ranges of the MAPs of `windows`."""
+    """Build a table of posterior sds, sandwich `sds` [SI], and ranges of MAPs over `windows`."""
     refits = (f"MAP of {len(windows)} windows",) if any(windows) else ()
     heads = ("", "unit", "sd", "sd if residuals remember (sandwich)", "over sd", *refits)
     lines = []
@@ -322,7 +322,7 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
     table = believed_columns(run, of_rows(run.units.rows(unknowns), bars))
     depending = describe_dependence(run.analysis.leaning).splitlines()
     known = [] if run.reasons else [*in_words(unknowns), *depending]
-    # A terminal shows an empty line for empty `Sentences`.
+    # `Sentences` are kept if they are empty, for an empty line on the terminal.
     blocks: list[Block] = [table, Note(read), Sentences("\n".join([*known, *run.notes]))]
     if sds := run.analysis.sandwich:
         windows = causes.windows if causes else ()

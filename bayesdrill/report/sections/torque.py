@@ -45,7 +45,7 @@ class Against:
 
 
 def regressors(torque: TorqueEstimate) -> Iterator[Against]:
-    """Yield the inertia's own speed, then other speeds, the angle within a turn, and inputs."""
+    """Yield what a torque may follow: speeds, its inertia's first; angle within a turn; inputs."""
     rig, here = torque.rig, torque.inertia
     for inertia, (name, speed) in zip(torque.turned, torque.speeds, strict=True):
         geared = inertia if inertia.reduction != 1.0 else None
