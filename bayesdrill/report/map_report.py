@@ -133,7 +133,7 @@ class MapReport:
         title: str | None = None,
         parent: tuple[str, str] | None = None,
     ) -> str:
-        """Return the page as HTML, with pictures and config from `folder`, and `more` sections last.
+        """Return the HTML page, with pictures and config from `folder`, and `more` sections last.
 
         The title is the name of the config by default; `as_html` explains `parent`.
         """

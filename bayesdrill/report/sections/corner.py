@@ -263,11 +263,11 @@ def _column(x: Array, symbol: Symbol, displayed: DisplayedUnknowns) -> CornerCol
 def _title(column: CornerColumn, interval: Array) -> str:
     scale = column.scale
     name = ("" if scale.origin == 0 else r"\delta ") + column.symbol.latex
-    middle, near, far = scale.axis_numbers(np.array([float(np.median(column.draws)), *interval]))
+    middle, low, high = scale.axis_numbers(np.array([float(np.median(column.draws)), *interval]))
     power = math.floor(math.log10(abs(middle))) if middle and not scale.origin else 0
     if not scale.log or -2 <= power <= 2:
-        return f"${name} = {scales.with_spread(middle, near, far)}$"
-    spread = scales.with_spread(*(x / 10.0**power for x in (middle, near, far)))
+        return f"${name} = {scales.with_spread(middle, low, high)}$"
+    spread = scales.with_spread(*(x / 10.0**power for x in (middle, low, high)))
     return rf"${name} = ({spread})\,10^{{{power}}}$"
 
 
@@ -295,8 +295,8 @@ def _marginal(panel: Axes, column: CornerColumn, page: CornerPage) -> None:
     """Draw a histogram of all draws, cut at ends of the prior, and the prior to the same scale."""
     x, scale = column.x, column.scale
     interval = np.array(hdi(column.draws))
-    near, far = scale(interval).tolist()
-    panel.axvspan(near, far, color=style.FAINT, zorder=-2, linewidth=0)
+    begin, end = scale(interval).tolist()
+    panel.axvspan(begin, end, color=style.FAINT, zorder=-2, linewidth=0)
     low, high = central(x)
     across = min(float(BINS), 2.2 * math.cbrt(len(x)))  # fewer bins for few draws
     first = max(column.scale.low, column.prior_ends[0])

@@ -371,8 +371,8 @@ def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
 def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array, *, beside: bool) -> None:
     residual, sigma = signal.y - signal.model, signal.sigma
     label = Symbol("rest", "", r"\mathrm{residual}", signal.label.latex_unit, "")
-    far = max(float(np.nanmax(np.abs(residual))), SIGMAS * sigma)
-    scale = _numbers(panel, label, -far, far)
+    limit = max(float(np.nanmax(np.abs(residual))), SIGMAS * sigma)
+    scale = _numbers(panel, label, -limit, limit)
     ends = scale(np.array([-1.0, 1.0]) * SIGMAS * sigma)
     panel.axhspan(*ends, zorder=0, **style.BAND)
     for end in ends:
@@ -381,10 +381,10 @@ def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array, *, bes
     panel.axhline(float(scale(0.0)), zorder=2, **style.BLACK_LINE)
     if not math.isnan(signal.unexplained):
         gap = " " if beside else "\n"
-        share = f"unexplained:{gap}{percent(signal.unexplained)}"
+        text = f"unexplained:{gap}{percent(signal.unexplained)}"
         look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
         look |= {"rotation": 90, "ha": "left", "va": "center"}
-        panel.annotate(share, (1.0, 0.5), (4, 0), size=style.letters("legend.fontsize"), **look)
+        panel.annotate(text, (1.0, 0.5), (4, 0), size=style.letters("legend.fontsize"), **look)
 
 
 def _numbers(

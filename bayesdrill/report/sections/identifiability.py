@@ -196,8 +196,8 @@ def remedies(study: IdentifiabilityStudy) -> str:
     n = len(study.structure.symmetries)
     rows = []
     for remedy in helpful[:MOST_REMEDIES]:
-        left = remedy.left - study.structure.unexplained
-        effect = "no symmetry is left" if left <= 0 else f"{left} of {n} left"
+        kept = remedy.left - study.structure.unexplained
+        effect = "no symmetry is left" if kept <= 0 else f"{kept} of {n} left"
         if not remedy.breaks:
             effect = "breaks no symmetry"
         rows.append((f"  {remedy.what}", f"{remedy.shrink:.1f} x", effect if n else ""))
@@ -244,10 +244,10 @@ def _of_each(study: IdentifiabilityStudy) -> str:
     """Describe the unknowns that the record determines badly although there is no symmetry."""
     named = list(zip(study.names, study.parameters, strict=True))
     loose = [f"{name} to {percent(known.bound)}" for name, known in named if known.bound > WELL]
-    left = [name for name, known in named if known.word != "determined"]
+    open_ones = [name for name, known in named if known.word != "determined"]
     unseen = [nuisance.name for nuisance in study.nuisances if nuisance.word != "determined"]
     tied = [n for n in study.nuisances if n.like]
-    if not loose and not left and not tied:
+    if not loose and not open_ones and not tied:
         if not unseen:
             return "the record determines every unknown"
         return (
@@ -257,8 +257,8 @@ def _of_each(study: IdentifiabilityStudy) -> str:
     parts = ["no symmetry hides an unknown from this record"]
     if loose:
         parts.append(f"without priors it would determine {listed(loose)} at best")
-    if left:
-        parts.append(f"with them it leaves {listed(left)} largely to the prior")
+    if open_ones:
+        parts.append(f"with them it leaves {listed(open_ones)} largely to the prior")
     for n in tied:
         parts.append(f"{n.name} can hardly be distinguished from {listed([o for o, _ in n.like])}")
     return "; ".join(parts)
@@ -372,8 +372,8 @@ def _edge(values: np.ndarray, loss: np.ndarray, end: int) -> float:
     inner = 1 if end == 0 else -2
     if len(values) < 2 or loss[end] <= HIGHEST:
         return float(values[end])
-    share = (HIGHEST - loss[inner]) / (loss[end] - loss[inner])
-    return float(values[inner] + np.sqrt(max(share, 0.0)) * (values[end] - values[inner]))
+    ratio = (HIGHEST - loss[inner]) / (loss[end] - loss[inner])
+    return float(values[inner] + np.sqrt(max(ratio, 0.0)) * (values[end] - values[inner]))
 
 
 BAR, NARROW_BAR = 0.27, 0.42  # heights of bars [in]; narrow figures have labels above their bars
