@@ -163,12 +163,10 @@ def _line(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
     size, sd = abs(law.size), f"{law.sd:.1g}"
     here, motion = rig.roles.inertia(summary.at), rig.roles.motion
     against, (what, unit) = law.size < 0, _follows(summary, law, rig)
-    amount = f"That alone explains {100 * law.share:.0f} % of the {motion.torque}."
+    claim = f"That alone explains {100 * law.share:.0f} % of the {motion.torque}."
     if (turning := summary.turning) < FULL:
-        amount += (
-            f" That counts the {100 * turning:.0f} % of the samples in which it {motion.verb}."
-        )
-    said = f"missing {motion.torque}: it follows {what}. {amount} It looks like"
+        claim += f" That counts the {100 * turning:.0f} % of the samples in which it {motion.verb}."
+    said = f"missing {motion.torque}: it follows {what}. {claim} It looks like"
     if law.kind == "sign" and against:
         said += f" dry friction {here.at} of {size:.3g} {motion.newtons} (sd {sd})"
     elif law.kind == "speed" and against:
