@@ -98,7 +98,7 @@ def legend_above(figure: Figure, looks: Mapping[str, style.Look], **options: Any
 
 
 def departures(band: RankBand, ranks: Counts) -> Array:
-    """Return differences to the uniform CDF `(3, L + 2)`: of both band edges, and of `ranks`."""
+    """Return differences to the uniform CDF `(3, L + 2)`: of the band edges and the ranks' ECDF."""
     counts = np.stack([band.low, band.high, band.count_below(ranks)])
     return np.pad(counts / max(band.n, 1) - band.shares, ((0, 0), (1, 1)))
 
