@@ -15,10 +15,10 @@ from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PresentKnowledge:
-    """Present knowledge has `draws (W, D)` for a design, and draws `checked (C, D)` for limits.
+    """A design is averaged over `draws (W, D)`; limits are checked at the draws `checked (C, D)`.
 
     `precision (m, m)` is the inverse covariance of the simulator's unknowns on natural scales.  It
-    approximates the priors if `gaussian` is false.  `source` is "the prior" or "the posterior".
+    is an approximation unless `gaussian`.  `source` is "the prior" or "the posterior".
     """
 
     draws: StoredArray
@@ -29,7 +29,7 @@ class PresentKnowledge:
 
 
 def prior_knowledge(problem: Problem, draws: int, checked: int, seed: int) -> PresentKnowledge:
-    """Return the knowledge from the priors; if `draws` is 1, the only draw is the start values."""
+    """Return the knowledge from the priors; if `draws` is 1, the start values are the only draw."""
     space = problem.posterior.space
     start = space.vector(space.start)[None]
     drawn = space.draw(draws + 4 * checked, seeds.stream(seed, "design"))

@@ -15,7 +15,7 @@ from bayesdrill.design.limits import RigLimit, excess
 from bayesdrill.design.responses import ComingExperiment
 
 KEPT_SHARE = 0.99  # smallest fraction of draws that must keep all limits
-TOLERANCE = 1e-6  # relative amount by which a limited quantity may exceed its limit
+TOLERANCE = 1e-6  # largest excess that is allowed, relative to the quantity's largest value
 HALVINGS = 8  # number of bisections between an allowed and a forbidden waveform
 FINEST = 8000  # upper limit of the samples at which limits are checked, unless the record has more
 CHANGED = 0.01  # a rate is fine enough if doubling it changes `sizes` by at most this fraction
@@ -26,7 +26,7 @@ SEARCH_TIMES = 250  # approximate number of instants of a record at which a sear
 class LimitCheck:
     """A check finds which of the draws `theta (W, D)` keep the limits of the rig.
 
-    `coming` is the experiment, with a rate that resolves peaks and integrals of limited quantities.
+    `coming` is the experiment, sampled so fast that peaks and integrals are resolved.
     """
 
     coming: ComingExperiment
@@ -116,10 +116,10 @@ class LimitCheck:
 
 
 class LimitPenalty:
-    """The penalty of a linear rig is the sum of squared excesses of limits at draws `theta (W, D)`.
+    """For a linear rig, the penalty sums squared excesses over limits at draws `theta (W, D)`.
 
-    States are linear in the levels, so the integral of a power in watts is a quadratic form.  Other
-    limits are checked at some instants of each hold interval, most of them near its beginning.
+    States are linear in the levels, so the integral of a power [W] is a quadratic form.  Limits
+    without an integral are checked at some instants of each hold interval, most near its beginning.
     """
 
     def __init__(self, check: LimitCheck, theta: Array) -> None:
@@ -139,7 +139,7 @@ class LimitPenalty:
         self._size = check.sizes(theta, np.full(count, max(source.low, source.high, key=abs)))
 
     def _draw(self, theta: Array, times: Array) -> tuple[Array, Array]:
-        """Return states `(t, S + 1, X)` at `times`, and forms `(L, S + 1, S + 1)` of integrals."""
+        """Return states `(t, S + 1, X)` at `times`, and forms `(L, S + 1, S + 1)` for integrals."""
         check, count = self._check, self._check.coming.source.count
         still, *pulses = (check.coming.motion(theta, u)[1][0] for u in np.eye(count + 1)[:, 1:])
         states = np.stack([still, *(pulse - still for pulse in pulses)], axis=1)
@@ -158,7 +158,7 @@ class LimitPenalty:
         return fewer
 
     def __call__(self, levels: Array) -> tuple[float, Array]:
-        """Return the sum of (excess / size under the largest level)^2, and its gradient `(S,)`."""
+        """Return the sum of squared relative excesses, and its gradient `(S,)`."""
         x, pulses = np.append(1.0, levels), self._pulses[self._times]
         motion = Dual((x @ self._states)[:, :, None], self._states[:, :, 1:])
         driven = Dual((pulses @ x)[None, :, None], pulses[None, :, 1:])

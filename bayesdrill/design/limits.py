@@ -45,7 +45,7 @@ class RigLimit:
         constant: Mapping[str, Any],
         interval: float,
     ) -> Any:
-        """Return the limited quantity `(W, T, 1)`, with derivatives if states and inputs are duals.
+        """Return the limited quantity `(W, T, 1)`, with derivatives for dual states and inputs.
 
         The trapezoidal rule gives integrals; inputs are constant in each sampling `interval` [s].
         """
@@ -69,7 +69,7 @@ class RigLimit:
         constant: Mapping[str, Any],
         interval: float,
     ) -> Array:
-        """Return Q `(R, R)`: the integral over all samples is x' Q x for signals `(T, R) @ x`.
+        """Return Q `(R, R)`: x' Q x is the integral over all samples if signals are `(T, R) @ x`.
 
         The first element of x is one.
         """
@@ -85,7 +85,7 @@ class RigLimit:
         return np.asarray(0.5 * interval * sum(totals))
 
     def _power(self, names: Sequence[str], constant: Mapping[str, Any]) -> Array:
-        """Return the symmetric matrix P of a quadratic formula y' P y, where y is (1, *names)."""
+        """Return the symmetric matrix P of the formula, which is y' P y with y = (1, *names)."""
         n = len(names)
         points, units = np.vstack([np.zeros(n), np.eye(n)]), np.eye(n)
         duals = {name: Dual(points[:, [k]], units[k]) for k, name in enumerate(names)}

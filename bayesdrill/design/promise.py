@@ -1,9 +1,9 @@
 """Predict standard deviations after a coming record, with exact instead of Gaussian priors.
 
-If a coming record does not determine a direction, the posterior follows the priors and their ends.
-Near a draw, the likelihood is approximated by a Gaussian in natural scales (logs of positive
-unknowns, others / step).  Its product with the priors is sampled by elliptical slices (Murray,
-Adams and MacKay 2010), and a Gauss-Newton step moves some samples to the likelihood's curved ridge.
+In directions that a record does not determine, the posterior keeps the priors and their bounds.
+Near a draw, the likelihood is approximated by a Gaussian on natural scales (logs of positive
+unknowns; other unknowns / scale).  Its product with the priors is sampled by elliptical slices
+(Murray, Adams and MacKay 2010).  A Gauss-Newton step moves some samples to the likelihood's ridge.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SIMULATED = 256  # number of samples that are moved to the ridge, divided among 
 def promise(
     posterior: Posterior, knowledge: PresentKnowledge, slopes: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return relative sds `(k,)` of targets with `slopes (W, k, m)` given `posterior`'s record.
+    """Return relative sds `(k,)` of targets with `slopes (W, k, m)` after `posterior`'s record.
 
     The sds are geometric means over draws.  The second result is the information `(W, m, m)` of the
     record at each draw.

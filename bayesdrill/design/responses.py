@@ -1,10 +1,10 @@
 """Evaluate the information of waveforms on targets, averaged over draws of the unknowns.
 
-The sensitivities of a linear rig are linear in the levels of its input.  The responses to a unit pulse
-in each hold interval are therefore simulated once for each draw, with their slopes.  The Fisher
-information is then quadratic in the levels.  A QR decomposition reduces the whitened slopes of all
-pulses to a few hundred rows, which keep all information of every waveform.  A rig with friction is
-simulated for each waveform instead.
+The derivatives of a linear rig's signals by the unknowns (slopes) are linear in the levels of the
+input.  The slopes of the response to a unit pulse in each hold interval are therefore simulated
+once for each draw.  The Fisher information is quadratic in the levels.  A QR decomposition reduces
+the whitened slopes of all pulses to a few hundred rows, which keep all information of every
+waveform.  A rig with friction is simulated for each waveform instead.
 
 The criterion is the log determinant of the targets' covariance, averaged over draws.  The
 covariance includes the prior knowledge (D_S-optimality; Atkinson, Donev and Tobias 2007).
@@ -27,7 +27,7 @@ from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.record.experiment import Experiment, channels_first, frozen, with_states
 from bayesdrill.rig.simulators.contract import Simulator
 
-MAX_BYTES = 6e8  # upper limit of memory for the slopes of all pulses before the QR decomposition
+MAX_BYTES = 6e8  # upper limit of memory [bytes] for the slopes of all pulses, before the QR step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +69,7 @@ class ComingExperiment:
         return dataclasses.replace(self, observation=observation)
 
     def posterior(self, *batch: Array) -> Posterior:
-        """Return the posterior of a record for each waveform in `batch`; all samples are zero."""
+        """Return the joint posterior of a record per waveform in `batch`; all samples are zero."""
         space, parts = self.observation.space, []
         assert space is not None
         for levels in batch:
@@ -127,7 +127,7 @@ class ComingExperiment:
 
 @dataclass(frozen=True, kw_only=True)
 class TargetCovariance:
-    """Covariances follow from `slopes (W, k, m)` of targets and a prior `precision (W, m, m)`."""
+    """Covariances of targets follow from `slopes (W, k, m)` and a prior `precision (W, m, m)`."""
 
     slopes: Array
     precision: Array
@@ -215,4 +215,4 @@ class SimulatedSlopes:
         return np.asarray(rows @ rows.swapaxes(1, 2))
 
 
-Evaluation = SuperposedPulses | SimulatedSlopes  # gives the information of any waveform
+Evaluation = SuperposedPulses | SimulatedSlopes  # both return the information of any waveform

@@ -1,9 +1,9 @@
 """Design an experiment that distinguishes a model from a rival, fitted to the same record.
 
-The rival's signals are linearised in its unknowns, near its fit of the expected record.  The
-difference between the signals of both models then acts as the slope of an additional unknown, of
-value one.  The information on this unknown is the sum of squared whitened differences that the
-rival cannot fit (T-optimality; Atkinson and Fedorov 1975).  The search maximises this information.
+The rival's signals are linearised in the rival's unknowns, near its fit to the expected record.
+The difference between the signals of both models then acts as the slope of an additional unknown,
+whose value is one.  The information on this unknown is the sum of squared whitened differences
+that the rival cannot fit (T-optimality; Atkinson and Fedorov 1975).  The search maximises it.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
 FIRST_STARTS = 4  # number of starts of the first fit to each draw; later fits start at its result
-FIT_STEPS = 25  # number of Gauss-Newton steps of a fit
+FIT_STEPS = 25  # number of Gauss-Newton steps in each fit
 ROUNDS = 2  # number of rounds (fit, then search), as the rival's best fit depends on the waveform
-LEAST_INFORMATION = 1e-6  # lower limit of information; keeps the odds of equal signals finite
+LEAST_INFORMATION = 1e-6  # lower limit, so that its logarithm is finite for equal signals
 LEAST_LOG_ODDS = 1.0  # a design with lower expected log odds does not distinguish the models
 
 
@@ -76,7 +76,7 @@ def design_against(
 ) -> ExperimentDesign:
     """Design the experiment whose record gives the largest odds against a fitted rival.
 
-    `problem` is assumed to be true.  Raises `InputError` if no waveform distinguishes both models.
+    `problem` is taken as the truth.  Raises `InputError` if no waveform distinguishes the models.
     """
     _check_comparable(problem, rival, request)
     ours, theirs = problem.observations[0], rival.observations[0]
@@ -169,8 +169,8 @@ def fitted_rivals(
         # The noise unknowns stay fixed, since signals without noise would make them zero.
         noise = len(expected.space.columns(*SIMULATOR_ROLES))
         best[noise:] = begin[0, noise:]
-        rest = expected.likelihood.whitened_residuals(best)
-        squares.append(rest @ rest)
+        residuals = expected.likelihood.whitened_residuals(best)
+        squares.append(residuals @ residuals)
         fits.append(best)
     return np.array(squares), np.array(fits)
 

@@ -1,9 +1,9 @@
-"""Search the levels that minimise the criterion within all limits.
+"""Search for the levels that minimise the criterion within all limits.
 
-For a linear rig, a bounded quasi-Newton method (L-BFGS-B; Byrd, Lu, Nocedal and Zhu 1995) has the
-exact gradient.  Limits of the rig and of the slew rate are penalties.  For a rig with friction,
-levels are exchanged one after another (Meyer and Nachtsheim 1995).  Penalties are never exact, so
-the result is moved towards a waveform that keeps all limits, until enough draws keep them.
+For a linear rig, a bounded quasi-Newton method (L-BFGS-B; Byrd, Lu, Nocedal and Zhu 1995) uses the
+exact gradient.  Penalties replace the limits of the rig and of the slew rate.  Penalties permit a
+small excess, so the result is moved towards a waveform that keeps all limits, until enough draws
+keep them.  For a rig with friction, levels are exchanged one by one (Meyer and Nachtsheim 1995).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from bayesdrill.design.waveforms import FAMILIES
 PENALTIES = (1e1, 1e3, 1e5)  # increasing weights of squared excesses of the limits
 MAX_ITERATIONS = 120  # upper limit of iterations of a search with one weight
 COARSE_DRAWS = 2  # number of draws in the first, fast searches from all starts
-POLISHED = 2  # number of best results from which a search with all draws begins
-RANDOM_STARTS = 6  # random starts, in addition to the best waveforms of the usual families
+POLISHED = 2  # number of the best coarse results, from each of which a search with all draws starts
+RANDOM_STARTS = 6  # number of random starts, in addition to the best two usual waveforms
 SWEEPS = 2  # upper limit of passes of the exchange through all levels
 EXCHANGED = 5  # number of levels that are tried in each hold interval
 CONSTANTS = 13  # number of constant levels in a grid, each tried as an allowed waveform
@@ -45,8 +45,8 @@ def safe_waveform(check: LimitCheck, repair: Callable[[Array], Array]) -> Array:
     for _ in range(REFINEMENTS):
         levels = np.linspace(*ends, CONSTANTS)
         constants = [source.nearest_levels(np.full(source.count, level)) for level in levels]
-        shares = np.array([check.kept_share(each) for each in constants])
-        good = np.flatnonzero(shares >= KEPT_SHARE)
+        kept = np.array([check.kept_share(each) for each in constants])
+        good = np.flatnonzero(kept >= KEPT_SHARE)
         if len(good):
             return constants[int(good[len(good) // 2])]
         nearest = int(np.argmin([check.excess(each) for each in constants]))
@@ -101,7 +101,7 @@ def descend(
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Return the best levels of descents from the best of `waveforms` and from random levels."""
+    """Return the best result of descents from the two best `waveforms` and from random levels."""
     source = evaluation.coming.source
     ranked = sorted(waveforms.values(), key=lambda levels: value(evaluation, levels))
     starts = [*ranked[:2], *_random(evaluation, rng)]
@@ -139,14 +139,14 @@ def _minimise(
     from scipy.optimize import minimize  # late: few commands need this
 
     source = penalty.source
-    size, most = max(abs(source.low), abs(source.high)), source.slew * source.interval
+    size, max_step = max(abs(source.low), abs(source.high)), source.slew * source.interval
 
     def objective(scaled: Array) -> tuple[float, Array]:
         levels = scaled * size
         total, slope = penalty(levels)
-        if most < np.inf:
+        if max_step < np.inf:
             steps = np.diff(levels, prepend=0.0) / size
-            over = np.sign(steps) * np.maximum(np.abs(steps) - most / size, 0.0)
+            over = np.sign(steps) * np.maximum(np.abs(steps) - max_step / size, 0.0)
             total += float(over @ over)
             slope = slope + 2.0 * (over - np.append(over[1:], 0.0)) / size
         total, slope = weight * total, weight * slope
@@ -174,9 +174,9 @@ def exchange(
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Exchange levels of the best of `waveforms`, which keeps the limits; `safe` is unused.
+    """Improve the best of `waveforms` by exchanging single levels; `safe` is unused.
 
-    In random order, each hold interval gets the best of a few levels, until no exchange helps.
+    In random order, each hold interval gets the best of a few levels that keep the limits.
     """
     source = evaluation.coming.source
     best = min(waveforms.values(), key=lambda levels: value(evaluation, levels))

@@ -11,8 +11,8 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import Issue
 from bayesdrill.record.experiment import raise_if_any, times
 
-MAX_LEVELS = 200  # upper limit of levels of a waveform; memory grows with the number squared
-LEAST_MOTION = 0.05  # smallest fraction of its range that a source must cross within the record
+MAX_LEVELS = 200  # largest number of levels of a waveform; memory grows with its square
+LEAST_MOTION = 0.05  # fraction of its range that a source must be able to cross within the record
 MAX_SAMPLES = 20_000  # largest number of samples, which bounds the memory of sensitivities
 
 

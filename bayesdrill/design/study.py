@@ -34,7 +34,7 @@ from bayesdrill.design.waveforms import FREE
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.record.experiment import Experiment
 
-RECORDED, REPEATED, DESIGNED = "as recorded", "repeated", "designed"  # in addition to families
+RECORDED, REPEATED, DESIGNED = "as recorded", "repeated", "designed"  # further waveforms
 NOTHING: Mapping[str, float] = MappingProxyType({})
 BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 
@@ -43,8 +43,7 @@ BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 class DesignRequest:
     """A request names its targets in `learn`; empty means all products that can be determined.
 
-    `family` is one of `waveforms.FAMILIES`, or `FREE`.  The number of coming experiments is
-    `experiments`.
+    `family` is one of `waveforms.FAMILIES`, or `FREE`.  `experiments` is the number of experiments.
     """
 
     source: SourceLimits
@@ -85,7 +84,7 @@ class TargetOutlook:
 class ExperimentDesign:
     """A design has `levels (E, S)` of E experiments, and the outlook for each target.
 
-    `criteria` are mean log determinants of the targets' covariance by waveform.  `bands (3, T, K)`
+    `criteria` are mean log determinants of the targets' covariance, by waveform.  `bands (3, T, K)`
     are quantiles `BAND` of the channels in the first experiment, and `limited (3, t, L)` those of the
     limited quantities.  In each experiment, at least the fraction `kept` of draws keeps the limits.
     A design against a rival model has `log_odds` by waveform, and no targets.  `variants` has sds
@@ -128,7 +127,7 @@ def design_experiment(
     usual = dict[str, Array]()
     precision = np.tile(knowledge.precision, (len(knowledge.draws), 1, 1))
     chosen = TargetCovariance(slopes=slopes, precision=precision)
-    for number in range(request.experiments):  # each search allows for earlier designs
+    for number in range(request.experiments):  # each search adds the information of earlier designs
 
         def progress(fraction: float, number: int = number) -> None:
             report.update(

@@ -31,7 +31,7 @@ class DesignTarget:
     formula: Expression
 
     def gradient(self, space: ParameterSpace, theta: Array) -> Array:
-        """Return d log target / d log unknown (or unknown / step, if signed), `(W, m)`."""
+        """Return d log target / d u `(W, m)`; u is log unknown, or unknown / scale if signed."""
         value = self.formula.value(space.named_slopes(theta))
         if not isinstance(value, Dual):
             return np.zeros((len(theta), len(space.columns(*SIMULATOR_ROLES))))
@@ -107,7 +107,7 @@ def hidden_by(slopes: Array, structure: ScalingStructure) -> tuple[Exponents, ..
 
 
 def independent(slopes: Array) -> list[int]:
-    """Return indices of targets that do not depend on earlier targets at the first draw."""
+    """Return indices of targets that are linearly independent of earlier ones at the first draw."""
     chosen: list[int] = []
     for k in range(slopes.shape[1]):
         values = np.linalg.svd(slopes[0, [*chosen, k]], compute_uv=False)

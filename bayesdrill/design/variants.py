@@ -1,4 +1,4 @@
-"""Predict the accuracy of the designed waveform with other channels, rates and durations."""
+"""Predict sds after the designed waveform with other channels, rates, durations or repeats."""
 
 from __future__ import annotations
 

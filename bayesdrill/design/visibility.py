@@ -35,7 +35,7 @@ LEAST_FALL = 1.05  # least factor by which a named remedy divides the sd of the 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetVisibility:
-    """The k targets have relative derivatives `slopes (W, k, m)`; the `visible` ones can be learnt.
+    """The k targets have relative derivatives `slopes (W, k, m)`; those at `visible` can be learnt.
 
     For each target, `hidden_by` names the unknowns that each exact symmetry changes together with
     the target.  `remedies` are actions that would break such a symmetry, and the factors by which
@@ -105,7 +105,7 @@ def _remedies(
 ) -> tuple[tuple[str, float], ...]:
     """Return actions that break a symmetry, and the factors by which the sd of the target falls.
 
-    Only the best action of each kind is returned.  A kind is, for example, to weigh or to add.
+    Only the best action of each kind is returned.  Kinds are, for example, `weigh` and `add`.
     """
     names = [name for name in target.formula.names if name in structure.names]
     if not symmetries or not names:

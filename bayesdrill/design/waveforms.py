@@ -64,10 +64,10 @@ def stairs(source: SourceLimits, rng: np.random.Generator) -> Iterator[Array]:
 
 
 def coast(source: SourceLimits, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield waveforms of three levels: high, nearest to zero, low; and high, low, high."""
+    """Yield waveforms of three parts: high, nearest to zero, low; and high, low, high."""
     third = np.minimum(np.floor(3 * _phase(source)), 2).astype(int)
-    rest = float(np.clip(0.0, source.low, source.high))
-    yield np.array([source.high, rest, source.low])[third]
+    idle = float(np.clip(0.0, source.low, source.high))
+    yield np.array([source.high, idle, source.low])[third]
     yield np.array([source.high, source.low, source.high])[third]
 
 

@@ -1,4 +1,4 @@
-"""Report several runs, overlaid or compared as models of one record, and the result of a ladder."""
+"""Report several runs, overlaid or compared as models of one record; describe ladders of models."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ CORNER = "The overlaid posteriors of all runs, for each unknown and each pair (c
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """The form of a comparison has the names of its files, and the largest number `max_runs` of runs.
+    """The form sets the file names of a comparison, and `max_runs`, the largest number of runs.
 
     The files of table and page have the stem `name`, and `figure` is shown by default.
     """
@@ -79,7 +79,7 @@ COMPARED = Form(
 class ComparisonReport:
     """The report shows two or more runs, `layers`, and compares them as `models` of one record.
 
-    If `models` is empty, the runs are overlaid. Unknowns have `units`; `heading` titles the page.
+    If `models` is empty, the runs are overlaid. Values are in `units`; `heading` titles the page.
     """
 
     layers: tuple[PosteriorSummary, ...]
@@ -159,7 +159,7 @@ class ComparisonReport:
 
     @property
     def texts(self) -> Mapping[str, str]:
-        """Return the text files by name."""
+        """Return the contents of the text files by name."""
         name, page = self.form.name, as_markdown(self.title, self.sections)
         return {f"{name}.csv": self.table, f"{name}.md": page}
 
@@ -198,7 +198,7 @@ def ladder_opening(models: Mapping[str, str], missing: int) -> str:
 
 
 def ladder_conclusion(about: str, left_out: Mapping[str, str], config: Path) -> str:
-    """Describe what was not tried, and the config to continue with."""
+    """Describe the models that were left out, and the config to continue with."""
     missing = [f"left out: {name}: {reason}" for name, reason in left_out.items()]
     return "\n".join([*missing, f"recommended: {about}: {config}"])
 

@@ -50,15 +50,15 @@ def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
 
 
 SHOWN = 5  # largest number of unknowns that a sentence names
-MAX_SHARE = 10.0  # largest ratio of residuals to a channel's sd, unless the channel hardly changes
+MAX_SHARE = 10.0  # (rms of residuals / sd of a channel) above which the channel hardly changes
 
 
 def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str:
     """Describe the size of residuals and how they differ from noise, with times in the unit `clock`."""
     still = [summary for summary in summaries if summary.share > MAX_SHARE]
-    shared = [summary for summary in summaries if summary.share <= MAX_SHARE]
-    seen = ", ".join(f"{percent(summary.share)} of {summary.name}" for summary in shared)
-    lines = [f"fit: the MAP leaves unexplained {seen or 'nothing to speak of'}."]
+    moving = [summary for summary in summaries if summary.share <= MAX_SHARE]
+    unexplained = ", ".join(f"{percent(summary.share)} of {summary.name}" for summary in moving)
+    lines = [f"fit: the MAP leaves unexplained {unexplained or 'nothing to speak of'}."]
     lines += [
         f"fit: {summary.name} hardly changes in the record, and the model moves it far more. Is its "
         "column the right one?"
@@ -68,7 +68,7 @@ def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str
     # are NRMSE fits: one minus the unexplained share, negative if a constant would fit better.
     each = ", ".join(
         f"{summary.name} {100 * (1 - summary.simulated):.4g} % and {100 * (1 - summary.ahead):.4g} %"
-        for summary in shared
+        for summary in moving
         if summary.ahead != summary.simulated
     )
     if each:
@@ -121,7 +121,7 @@ def residual_reasons(summaries: Sequence[ResidualSummary]) -> tuple[str, ...]:
 
 
 def sandwich_reasons(unsupported: Mapping[str, float]) -> tuple[str, ...]:
-    """Return a reason with the `unsupported` quantities (sandwich sd / sd of the draws), or none."""
+    """Return a reason if quantities are `unsupported` (by sandwich sd / sd of draws), or none."""
     worst = sorted(unsupported.items(), key=lambda pair: -pair[1])
     each = ", ".join(f"{name} (sd {times:.3g} times as large)" for name, times in worst[:SHOWN])
     more = ", ..." if len(worst) > SHOWN else ""
@@ -149,13 +149,13 @@ def _each_channel(summaries: Sequence[ResidualSummary], attribute: str) -> str:
 
 
 def percent(fraction: float) -> str:
-    """Return a share of a channel's spread in per cent; above `MAX_SHARE` only the limit is given."""
+    """Return (rms of residuals / sd of a channel) as text; above `MAX_SHARE`, only that limit."""
     if fraction > MAX_SHARE:
         return f"> {100 * MAX_SHARE:.0f} %"
     return f"{100 * fraction:.2g} %" if not fraction >= 0.995 else f"{100 * fraction:.0f} %"
 
 
-EARLY = 0.1  # smallest lead of an input before its recorded time that is reported, in samples
+EARLY = 0.1  # smallest reported lead of an input over its recorded time, in samples
 
 
 def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
@@ -186,7 +186,7 @@ def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
 
 
 def describe_timing(moment: InputTiming | None) -> Iterable[str]:
-    """Yield a sentence on the shift of values by half a sample of input delay, if it is large."""
+    """Yield a sentence if half a sample of input delay would shift the estimates much."""
     if moment is None or not moment.is_reported:
         return
     moved = sorted(moment.shifts, key=lambda shift: -abs(shift[1]))
@@ -201,7 +201,7 @@ def describe_timing(moment: InputTiming | None) -> Iterable[str]:
 
 
 def step_sentences(errors: Sequence[StepError]) -> str:
-    """Return a line for the largest harmless error, and a line for each error that is not harmless."""
+    """Describe the largest harmless error of time steps, and each error that is not harmless."""
     lines = []
     fine = sorted((error for error in errors if error.fine), key=lambda error: -error.worst)
     for error in (*fine[:1], *(error for error in errors if not error.fine)):

@@ -236,7 +236,7 @@ def finding_sentences(findings: Iterable[Finding]) -> tuple[str, ...]:
 
 
 def finding_sentence(finding: Finding) -> str:
-    """Return the sentence of a finding, which begins with the experiment's label if one is named."""
+    """Return the sentence of a finding; it begins with the label of its experiment, if any."""
     names, numbers = finding.names, finding.numbers
     phrases = _phrases(finding)
     if finding.kind == "two groups of walkers":
@@ -248,7 +248,7 @@ def finding_sentence(finding: Finding) -> str:
 def _phrases(finding: Finding) -> dict[str, str]:
     """Return phrases for a sentence by name; most are empty if the finding lacks their numbers."""
     names, numbers, rows = finding.names, finding.numbers, finding.rows
-    share = f" (in {numbers['percent']:.3g} % of the draws)" if "percent" in numbers else ""
+    of_draws = f" (in {numbers['percent']:.3g} % of the draws)" if "percent" in numbers else ""
     walkers = ""
     if counts := rows.get("ensembles"):
         where = ", ".join(f"{count:.0f} in ensemble {k}" for k, count in enumerate(counts) if count)
@@ -264,7 +264,7 @@ def _phrases(finding: Finding) -> dict[str, str]:
     return {
         "cure": cure,
         "seen": f"{names.get('channel') or 'the record'} is {seen}",
-        "draws": share,
+        "draws": of_draws,
         "late": f"{lag:+.0f} sample" if abs(lag) == 1.0 else f"{lag:+.0f} samples",
         "often": count_noun(round(numbers.get("jumps", 0.0)), "time"),
         "mostly": f", mostly due to {names['constants']}," if names.get("constants") else "",

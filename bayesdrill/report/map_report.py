@@ -1,4 +1,4 @@
-"""Report a maximum (MAP) that was not sampled: its sections, tables and figures."""
+"""Report the maximum of a posterior (MAP) without sampling: sections, tables and figures."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ TABLE, PAGE = "map.csv", "map.md"
 
 @dataclass(frozen=True)
 class MapReport:
-    """The report describes a maximum that was not sampled."""
+    """The report describes the maximum of a posterior that was not sampled."""
 
     problem: Problem
     config: Config
@@ -110,7 +110,7 @@ class MapReport:
 
     @property
     def texts(self) -> Mapping[str, str]:
-        """Return the text files by name."""
+        """Return the contents of the text files by name."""
         return {
             TABLE: section.records_as_csv(ModeRow, mode_rows(self.problem, self.mode)),
             **prediction_csv(self.problem, self.best),
@@ -118,7 +118,7 @@ class MapReport:
         }
 
     def draw(self, folder: Path, title: str, **marks: str) -> None:
-        """Draw all figures of the page in `folder`; `title` and `marks` are metadata of the files."""
+        """Draw all figures into `folder`/figures; `title` and `marks` are metadata of the files."""
         place, output = folder / output_files.FIGURES, self.config.output
         place.mkdir(exist_ok=True)
         note = {"Title": title, "Creator": software.creator(), **marks}
@@ -133,7 +133,7 @@ class MapReport:
         title: str | None = None,
         parent: tuple[str, str] | None = None,
     ) -> str:
-        """Return the page as HTML: pictures and config from `folder`, and sections `more` at the end.
+        """Return the HTML page, with pictures and config from `folder`, and `more` sections last.
 
         The title is the name of the config by default; `as_html` explains `parent`.
         """
@@ -157,5 +157,5 @@ class MapReport:
         problem, width = self.problem, WIDTHS[self.config.output.size]
         shown = ((fit.label, fit) for fit in every_fit(problem, self.best, self.residuals))
         fits = numbered("fit", for_each_experiment(fit_figure, shown, width, FIT_ALONE))
-        rest = residual_drawings(self.correlations, width, problem.model)
-        return fits | numbered("residuals", rest)
+        residuals = residual_drawings(self.correlations, width, problem.model)
+        return fits | numbered("residuals", residuals)

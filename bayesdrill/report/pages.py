@@ -14,7 +14,7 @@ from bayesdrill.report import style
 from bayesdrill.report.scales import DOUBLE, Scale
 from bayesdrill.report.style import Axes, Figure
 
-NARROW_ROW = 0.85  # ratio of row heights in figures of one and of two columns of text
+NARROW_ROW = 0.85  # height of a row in figures of single width, relative to double width
 
 
 def build_page(
@@ -27,7 +27,7 @@ def build_page(
     first: float = 0,
     last: float = 0,
 ) -> tuple[Figure, list[Axes]]:
-    """Build a figure and its `n` panels, row by row; matplotlib keeps texts apart.
+    """Build a figure and its `n` panels, row by row; matplotlib prevents overlapping texts.
 
     `row` is the height in inches of a row of panels and their tick labels.  A figure of single width
     has at most `narrow` panels in a row.  If a height `first` or `last` is given, a panel of the
@@ -58,7 +58,7 @@ def is_first_column(panel: Axes) -> bool:
 
 
 def label_outside(panels: Sequence[Axes], x: str, y: str, *, share_y: bool = True) -> None:
-    """Set the label `x` below each column of equal panels and, if `share_y`, `y` beside each row."""
+    """Label equal panels: `x` below each column and, if `share_y`, `y` to the left of each row."""
     specs = [panel.get_subplotspec() for panel in panels]
     feet = {spec.colspan.start: k for k, spec in enumerate(specs) if spec is not None}
     for k, panel in enumerate(panels):
@@ -98,12 +98,12 @@ def legend_above(figure: Figure, looks: Mapping[str, style.Look], **options: Any
 
 
 def departures(band: RankBand, ranks: Counts) -> Array:
-    """Return both edges of a band and the ECDF of `ranks`, minus the uniform CDF: `(3, L + 2)`."""
+    """Return differences to the uniform CDF `(3, L + 2)`: of the band edges and the ranks' ECDF."""
     counts = np.stack([band.low, band.high, band.count_below(ranks)])
     return np.pad(counts / max(band.n, 1) - band.shares, ((0, 0), (1, 1)))
 
 
-# Upper and negative lower limit of a panel, divided by the largest difference; the top has the name.
+# Upper limit and -1 * lower limit of a panel, relative to the largest difference; names are on top.
 HEAD_ROOM, FOOT_ROOM = 1.7, 1.12
 
 
@@ -116,7 +116,7 @@ def ranks_panel(
     numbers: int = 5,
     look: style.Look = style.CHANCE,
 ) -> None:
-    """Draw `away`, a result of `departures`, up to `limit`; `wrong` labels ranks outside the band."""
+    """Draw `away` from `departures`, up to `limit`; a text `wrong` marks ranks outside the band."""
     places, (low, high, ranks) = np.pad(band.shares, 1, constant_values=(0, 1)), away
     difference_panel(panel, places, (low, high), limit, numbers, look)
     panel.plot(places, ranks, zorder=2, **(style.OUTSIDE if wrong else style.BLACK_LINE))
@@ -132,7 +132,7 @@ def difference_panel(
     numbers: int = 5,
     look: style.Look = style.CHANCE,
 ) -> None:
-    """Draw zero and the `band` that chance allows at `levels (S,)`, for differences up to `limit`."""
+    """Draw a line at zero, and the `band` of chance at `levels (S,)`; differences reach `limit`."""
     panel.fill_between(levels, *band, zorder=0, **look)
     panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
     panel.set_xlim(0, 1)
@@ -145,12 +145,12 @@ def difference_panel(
 
 Ends = tuple[float, float]
 LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 % in 2D
-BINS = 52  # bins across the draws of one unknown, with a margin for the smoothing
+BINS = 52  # number of bins across the draws of an unknown, with a margin for the smoothing
 CENTRAL_SHARE = 0.999  # fraction of the draws that an axis shows
 # Above this correlation, bins are sheared, and the density is not reflected at priors' ends.
 MIN_SHEARED_CORRELATION = 0.9
 BANDWIDTH_FACTOR = 1.3  # relative to Scott's rule, which suits normal distributions but not boxes
-# Smallest slope at a contour: change per bandwidth / sd of the density. Noise alone gives 0.8.
+# Smallest change of density per bandwidth [sds of its noise] at a drawn contour; noise gives 0.8.
 MIN_SLOPE_SDS = 2.0
 CONTOUR = {"colors": style.BLACK}
 INNER_GREY, OUTER_GREY = "0.68", "0.85"  # greys inside the inner and the outer contour
@@ -167,8 +167,8 @@ def contours(
 
     If the draws are nearly on a line, bins are sheared along the regression of y on x: upright bins
     would show a ridge as wide as the bins.  A contour is omitted where the density is so flat that
-    noise determines the contour.  `xy` are draws `(N,)` of two unknowns, `limits` those of their priors.
-    `fine` scales line widths.  If a style `lines` is given, contours are lines without a fill.
+    noise determines the contour.  `xy` are draws `(N,)` of two unknowns, `limits` the ends of their
+    priors.  `fine` scales line widths.  With a style `lines`, contours are lines without a fill.
     """
     import corner
     from matplotlib.transforms import Affine2D
@@ -222,7 +222,7 @@ def _bandwidth(x: Array, limits: Ends) -> float:
 
 
 def _resolved_levels(counts: Array, smooth: Sequence[float]) -> tuple[float, ...]:
-    """Return the `LEVELS` along whose contours the density changes by more than its noise."""
+    """Return those of the `LEVELS` at whose contours the density is steeper than its noise."""
     from scipy.ndimage import gaussian_filter
 
     density = gaussian_filter(counts, smooth)
@@ -234,8 +234,8 @@ def _resolved_levels(counts: Array, smooth: Sequence[float]) -> tuple[float, ...
     for level in LEVELS:
         height = ordered[np.searchsorted(cumulative, level)]
         noise = math.sqrt(height / kernel)
-        near = np.abs(density - height) <= max(2.0 * noise, np.abs(density - height).min())
-        if np.median(slope[near]) > MIN_SLOPE_SDS * noise:
+        on_contour = np.abs(density - height) <= max(2.0 * noise, np.abs(density - height).min())
+        if np.median(slope[on_contour]) > MIN_SLOPE_SDS * noise:
             levels.append(level)
     return tuple(levels)
 

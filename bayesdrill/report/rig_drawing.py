@@ -34,7 +34,7 @@ GOAL = 0.3  # length of the arrow from the goal to the controller of a servo
 
 @dataclass(frozen=True, slots=True)
 class _Link:
-    """The link is a shaft, or a gear with its `ratio`; a symbol below a shaft means a damper."""
+    """The link is a shaft, or a gear with its `ratio`; a shaft with `label_below` has a damper."""
 
     ends: tuple[str, str]
     label_above: str
@@ -45,12 +45,12 @@ class _Link:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """The part is an inertia or the ground; its labels above and below begin with the nearest."""
+    """The part is an inertia or the ground; labels are listed from the nearest to the farthest."""
 
     name: str
     labels_above: tuple[str, ...] = ()
     labels_below: tuple[str, ...] = ()
-    pushed: bool = False  # an arrow shows an input, whose symbol is in the nearest line
+    pushed: bool = False  # an arrow shows an input, whose symbol is the nearest label above
     driven: bool = False  # one of its inputs drives the rig
     is_grounded: bool = False  # damping or friction connects it to the ground
     circuit: MotorRoles | None = None  # circuit of a voltage or a servo, drawn above the part
@@ -88,7 +88,7 @@ def _draw_rig(run: ReportContext) -> Drawing | None:
 
 
 class _RigDrawing:
-    """The drawing lays the parts of a rig out in rows: the longest chain first, then branches."""
+    """The drawing arranges the parts of a rig in rows: the longest chain first, then branches."""
 
     def __init__(self, rig: Model) -> None:
         self.rig, self.roles = rig, rig.roles
@@ -110,7 +110,7 @@ class _RigDrawing:
         self.at: dict[str, Point] = {}
 
     def draw(self, channels: Collection[str]) -> Figure:
-        """Lay out all parts, and draw them on a page of their size."""
+        """Lay out all parts, and draw them on a page that fits."""
         rows = self._rows()
         shown = [link for links in self.between.values() for link in links]
         notes = [
@@ -156,8 +156,8 @@ class _RigDrawing:
             if above:
                 yield _Link((first, second), above, below, shaft.words.removeprefix("the "))
         for inertia in self.inertias:
-            alike = [i for i in self.inertias if i.speed == inertia.speed]
-            root = next((i for i in alike if i.reduction == 1.0), alike[0])
+            coupled = [i for i in self.inertias if i.speed == inertia.speed]
+            root = next((i for i in coupled if i.reduction == 1.0), coupled[0])
             if inertia is not root:
                 ratio = root.reduction / inertia.reduction
                 turns = f"{ratio:.4g} : 1" if abs(ratio) >= 1 else f"1 : {1 / ratio:.4g}"
@@ -438,7 +438,7 @@ def _spring(sheet: Canvas, left: float, right: float, y: float, *, damped: bool)
 
 
 def _wheels(sheet: Canvas, times: float, left: float, right: float, y: float) -> None:
-    """Draw two meshing wheels; the first is `times` as large as the second, but at most 3 to 1."""
+    """Draw two meshing wheels; `times` is the ratio of their radii, limited to 1/3 to 3."""
     times = float(np.clip(times, 1 / 3, 3.0))
     first, middle = 0.26 * times / (1 + times), (left + right) / 2
     second = 0.26 - first

@@ -41,7 +41,7 @@ def provenance_section(run: ReportContext, folder: Path) -> Section:
     """Build the section of provenance; the run's `folder` has the config and the chain."""
     config, marks = run.config, run.marks
     c, sampler = run.sampled.convergence, config.sampler
-    took = ", ".join(f"{name} {value:.1f}" for name, value in run.seconds.items())
+    seconds = ", ".join(f"{name} {value:.1f}" for name, value in run.seconds.items())
     return made_of(
         (
             ("config", config.name),
@@ -55,7 +55,7 @@ def provenance_section(run: ReportContext, folder: Path) -> Section:
                 f"{c.steps} steps, then thinned by {c.thin}",
             ),
             ("versions", marks["Versions"]),
-            *([("seconds", took)] if took else []),
+            *([("seconds", seconds)] if seconds else []),
         ),
         folder,
         Note(CHECKED),

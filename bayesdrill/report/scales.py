@@ -1,4 +1,4 @@
-"""Print numbers, symbols and axes: round numbers, LaTeX names, plain or logarithmic scales."""
+"""Format numbers, symbols and axes: round numbers, LaTeX names, plain or logarithmic scales."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ DPI = 220  # resolution of PNG figures
 WIDTHS: Mapping[str, float] = MappingProxyType({"single": SINGLE, "double": DOUBLE})
 # Mantissas of the numbers on a logarithmic axis, from many in each decade to few.
 SERIES: tuple[tuple[float, ...], ...] = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
-CURVED_RATIO = 4.0  # ratio of the ends from which on a logarithmic axis has mantissas from SERIES
+CURVED_RATIO = 4.0  # ratio of a logarithmic axis's ends below which its numbers are evenly spaced
 
 
 def even_numbers(low: float, high: float, max_count: int) -> tuple[list[float], list[str]]:
@@ -52,7 +52,7 @@ def even_numbers(low: float, high: float, max_count: int) -> tuple[list[float], 
 
 
 def in_ratios(low: float, high: float, max_count: int) -> tuple[list[float], list[str]]:
-    """Return two to `max_count` (3 or more) numbers of a logarithmic axis from `low` to `high`."""
+    """Return two to `max_count` (at least 3) numbers of a logarithmic axis, and their texts."""
     if high / low < CURVED_RATIO:
         return even_numbers(low, high, max_count)
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
@@ -161,9 +161,9 @@ class Typesetter:
         self.plain, self.prose = plain, _splitting(_CODE, code, stressed)
 
 
-# Ratio of the ends from which on each tick of a logarithmic axis shows its power of ten.
+# Ratio of a logarithmic axis's ends above which each number has its own power of ten.
 LONG_LOG_RATIO = 1e4
-CROWDED_RATIO = 1e5  # ratio of the ends from which on minor ticks would be too many
+CROWDED_RATIO = 1e5  # ratio of an axis's ends above which minor ticks would be too many
 NARROW_RATIO = 1e-3  # ratio of an axis's width to its largest value, below which `origin` is not 0
 
 
@@ -193,7 +193,7 @@ class Scale:
         return self.axis_numbers(values)
 
     def axis_numbers(self, x: Array | float) -> Array:
-        """Return the numbers that the axis shows for values `x`, by its origin and power of ten."""
+        """Return the numbers that the axis shows for values `x`: (x - origin) / 10**power."""
         return np.asarray((np.asarray(x) - self.origin) / 10.0**self.power, dtype=np.float64)
 
     def value(self, u: Array | float) -> Array:
@@ -217,7 +217,7 @@ class Scale:
     def ticks(
         self, max_count: int = 3, *, clear: float = 0.05, letter: float = 0.0
     ) -> tuple[Array, list[str]]:
-        """Return two to `max_count` (3 or more) ticks at round values, and their texts.
+        """Return two to `max_count` (at least 3) ticks at round values, and their texts.
 
         `clear` is their smallest distance from the ends, and `letter` the width of a letter, both as
         fractions of the axis.

@@ -83,7 +83,7 @@ class Badges:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """The link is a point of a picture, at fractions of its width and height from the upper left.
+    """The link is a point of a picture, at fractions of width and height from its upper left.
 
     `label` is shown above the point, which is a link to `url` if there is one.
     """
@@ -98,7 +98,7 @@ class Link:
 class Picture:
     """The picture refers to a figure of the run by the `stem` of its files.
 
-    `extension` is the type of the file that a page shows, and `links` are points.
+    `extension` is the type of the file that a page shows, and `links` are points on the picture.
     """
 
     stem: str
@@ -121,8 +121,8 @@ class IntervalBar:
 class Table:
     """The table has cells of text.
 
-    `left_aligned` and `brief` have the heads of left-aligned columns, and of those that a terminal
-    shows; None means all. `bars` has an interval for each line, which a page draws, or is empty.
+    `left_aligned` has the heads of left-aligned columns, and `brief` those that a terminal shows
+    (None: all). `bars` has an interval for each line, which a page draws, or is empty.
     """
 
     heads: tuple[str, ...]

@@ -30,7 +30,7 @@ else:  # annotations are never evaluated, so matplotlib need not load
 
 Look = Mapping[str, Any]  # keyword arguments of matplotlib artists
 NONE = np.empty(0)
-SMALL = 0.83  # ratio of font sizes in figures of one and of two columns of text
+SMALL = 0.83  # font size in figures of single width, relative to double width
 
 
 def fix_look(**entries: Any) -> Look:
@@ -78,7 +78,7 @@ BLACK_LINE = fix_look(color=BLACK, linewidth=0.9)
 BAND = fix_look(facecolor=LIGHT, linewidth=0)
 FAINT_BAND = fix_look(facecolor=FAINT, linewidth=0)
 CROSS = fix_look(color=MAP_COLOUR, marker="+", markersize=8, markeredgewidth=1.2, linestyle="none")
-AWAY = fix_look(color=NOMINAL["color"], markersize=5, linestyle="none")  # a value beyond the axis
+AWAY = fix_look(color=NOMINAL["color"], markersize=5, linestyle="none")  # for values off the axis
 # The looks of the band that chance allows, and of values outside it.
 CHANCE = fix_look(facecolor=FAINT, edgecolor=MIDDLE, linewidth=0.5)
 OUTSIDE = fix_look(color=MAP_COLOUR, linewidth=1.8)
@@ -187,7 +187,7 @@ def mark_values(
 
 
 def corner_text(panel: Axes, text: str, side: str = "left", **look: Any) -> None:
-    """Write a text at the top of a panel, at this side."""
+    """Write a text at the top of a panel; `side` is "left" or "right"."""
     x = 0.03 if side == "left" else 0.97
     panel.text(x, 0.93, text, transform=panel.transAxes, ha=side, va="top", **look)
 
@@ -200,7 +200,7 @@ def nominal_looks(sides: Collection[int], marker: str = ">") -> dict[str, Look]:
 
 
 def legend_handles(looks: Mapping[str, Look]) -> list[Any]:
-    """Return handles of a legend by their labels: patches for looks with a face, or else lines."""
+    """Return handles of a legend: patches for looks with a `facecolor`, lines for the others."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -244,7 +244,7 @@ def save(
 
 
 def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
-    """Return metadata as the writer of a format accepts them; Keywords joins entries unknown to it."""
+    """Return the metadata that a format accepts; `Keywords` joins entries that it does not know."""
     if kind not in _DATES:
         return dict(metadata)
     known: dict[str, str | None] = {

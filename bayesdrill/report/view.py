@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A drawing is a function that draws a figure, perhaps in another process, and its arguments.
+    """A drawing has a function that draws a figure, perhaps in another process, with `arguments`.
 
     `says` describes the figure, for its caption and for readers who do not see it.
     """
@@ -54,9 +54,9 @@ type Recipe = Callable[[ReportContext], Drawing | tuple[Drawing, ...] | None]
 class ReportPart:
     """A report part is the contribution of one module to the report of a run.
 
-    `sections` returns its text, with the pictures of its figures. `figures` has the function that
-    draws each figure, by name. `files` has the functions that return its tables as texts, None if a
-    run has no such table.
+    `sections` returns the part's text, with given pictures. `figures` has the function that
+    draws each figure, by name. `files` has the function that returns the text of each table, by
+    file name; the function returns None if a run has no such table.
     """
 
     sections: Callable[[ReportContext, Sequence[Picture]], Iterable[Section]]
@@ -127,7 +127,7 @@ class ReportContext(Value):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences on priors, record and rig that are no reason to doubt the draws."""
+        """Return sentences on priors, record and rig that give no reason to doubt the draws."""
         analysis = self.analysis
         missed = Finding("some missed", {}, {"percent": 100 * self.sampled.missed})
         others = (

@@ -55,7 +55,6 @@ def _columns(observation: Observation, config: Config) -> str:
 
 def record_made(problem: Problem) -> tuple[str, ...]:
     """Describe uneven times, incomplete channels, cleaning and held-out samples of records."""
-    apart = problem.posterior.likelihood.held_out
     sentences: list[str] = []
     for observation in problem.observations:
         experiment, total = observation.experiment, len(observation.experiment.t)
@@ -63,9 +62,9 @@ def record_made(problem: Problem) -> tuple[str, ...]:
         seen = zip(experiment.counts, experiment.names, strict=True)
         every = ", ".join(f"{count} of {name}" for count, name in seen)
         partly = set(experiment.counts) != {total}
-        some = [f"measured: {every}, at {total} times"] if partly else []
-        sentences += _of_experiment(observation, [*times, *some, *experiment.notes])
-    for observation in apart:
+        missing = [f"measured: {every}, at {total} times"] if partly else []
+        sentences += _of_experiment(observation, [*times, *missing, *experiment.notes])
+    for observation in problem.posterior.likelihood.held_out:
         sentences.append(
             f"{observation.label}, all its {observation.n_measured} samples are held out, "
             "and do not enter the fit"
@@ -194,7 +193,7 @@ def preview(problem: Problem, config: Config) -> str:
 
 
 def doubts_before_sampling(problem: Problem) -> tuple[str, ...]:
-    """Return what makes the table, priors, gear or record doubtful before anything is sampled."""
+    """Return reasons to doubt table, priors, gear or record before anything is sampled."""
     kind = "nominal" if problem.nominal else "start"
     findings = (
         *plausibility.plausibility_of_priors(problem),
@@ -211,7 +210,7 @@ def doubts_before_sampling(problem: Problem) -> tuple[str, ...]:
 
 
 def validity(doubts: Sequence[str], text: str) -> str:
-    """Return the sentences that end the check of a config if it has no mistakes.
+    """Return the last sentences of the check of a config that has no mistakes.
 
     They count `doubts`, and the lines of the config's `text` that are still marked REVIEW.
     """
@@ -220,12 +219,12 @@ def validity(doubts: Sequence[str], text: str) -> str:
     )
     look = f" {lines} about its values or its record." if doubts else ""
     marks = text.count("# REVIEW")
-    left = f" {count_noun(marks, 'line')} marked REVIEW {'is' if marks == 1 else 'are'} left to look at."
-    return f"The config has no mistakes and can be sampled.{look}{left if marks else ''}"
+    todo = f" {count_noun(marks, 'line')} marked REVIEW {'is' if marks == 1 else 'are'} left to look at."
+    return f"The config has no mistakes and can be sampled.{look}{todo if marks else ''}"
 
 
 def predictive_draws(problem: Problem, config: Config) -> int:
-    """Return the number of predictive draws per ensemble: as requested, or fewer for lack of room."""
+    """Return how many draws per ensemble are predicted, fewer than requested if memory is short."""
     wanted = config.output.predictive_draws
     return output_files.predictive_draws(wanted, config.sampler.ensembles, _numbers(problem))
 

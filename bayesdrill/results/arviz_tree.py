@@ -68,7 +68,7 @@ def make_tree(
     tree["sample_stats"].attrs["lp"] = "log density over the sampler's coordinates, unnormalised"
     tree["sample_stats"]["lp"].attrs.update(units="1", long_name="log posterior density")
     tree["sample_stats"].attrs["acceptance_rate"] = sampled.acceptance
-    with warnings.catch_warnings():  # ArviZ warns of few draws, which is usual with long records
+    with warnings.catch_warnings():  # ArviZ warns if a group has more chains than draws
         warnings.filterwarnings("ignore", "Found chain dimension")
         groups: DataTree = from_dict(
             {

@@ -42,7 +42,7 @@ FORMER_ENTRIES = ("map.pairs", "map.iterations", "map.steady")
 
 
 def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
-    """Return all values that determine the chain, by their names in the config."""
+    """Return all values that determine the chain, by names that messages can use."""
     posterior, sampler = problem.posterior, config.sampler
     space = posterior.space
     search = {f"map.{name}": repr(value) for name, value in config.map}
@@ -68,8 +68,8 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
 def settings(config: Config, problem: Problem, display_units: DisplayUnits) -> dict[str, str]:
     """Return the settings of a run that `compare` compares, by name.
 
-    They are the entries of the fingerprint except the entries of MAP search and sampler. The entry
-    of a parameter has the parameter's name and is in display units.
+    They are the entries of the fingerprint without those of MAP search, sampler and versions. The
+    entry of a parameter has the parameter's name and is in display units.
     """
     posterior = problem.posterior
     space = posterior.space
@@ -113,7 +113,7 @@ def _model(rig: Model) -> str:
 
 
 def _of_experiments(problem: Problem) -> dict[str, str]:
-    """Return the entries of all experiments; with several, their names include the label."""
+    """Return the entries of all experiments; with several, entries are named with their labels."""
     entries: dict[str, str] = {}
     for observation in problem.all_observations:
         names, sensing = observation.experiment.names, observation.response.sensing
@@ -204,7 +204,7 @@ def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> No
 
 
 def _digest(series: Array) -> str:
-    """Return the digest of the `repr` of a list of numbers, which is never whole in memory."""
+    """Return the digest of the `repr` of a list of numbers, without the whole text in memory."""
     digest = hashlib.sha256(b"[")
     for first in range(0, len(series), PART):
         text = ", ".join(map(repr, series[first : first + PART].tolist()))
@@ -222,7 +222,7 @@ def check_record(job: Job, output: Path, record: str | None = None) -> None:
 
 
 def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> None:
-    """Write the config (as given, and with defaults) and the text `record` of given arrays."""
+    """Write the config as given and with defaults, and the text `record` of arrays from Python."""
     if record is None:
         outputs = output_files.output_names(folder.path, folder.kind)
         replaced = [folder.path / name for name in outputs]

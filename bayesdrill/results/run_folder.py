@@ -136,8 +136,8 @@ def read_chain(path: Path, ensemble: int) -> tuple[ChainSegment, str | None]:
 WriteMode = Literal["fresh", "resume", "force", "report", "read"]
 
 CHAIN = "chain.h5"
-VERSION_OF = "the version of "  # prefix of fingerprint entries that may change before a report
-LONGEST = 120  # largest length of a value in a message
+VERSION_OF = "the version of "  # prefix of fingerprint entries that may differ in a new report
+LONGEST = 120  # largest number of characters of a value in a message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,13 +167,13 @@ class FolderEntries:
 
 
 def dump_record(record: Any, form: int, **others: Any) -> str:
-    """Return a checksummed JSON text: the dataclass `record`, its format version, and `others`."""
+    """Return checksummed JSON: the dataclass `record`, its format version `form`, and `others`."""
     fields = dataclasses.asdict(record)
     return output_files.dumps_checksummed({"form": form, **others, **fields})
 
 
 def load_record[T](path: Path, kind: type[T], form: int) -> tuple[T, dict[str, Any]]:
-    """Read a file of `dump_record`; raises `InputError` if damaged or of another format version."""
+    """Read a text of `dump_record`; raises `InputError` if damaged or of another format version."""
     why = COMPUTED_AGAIN
     try:
         data = output_files.loads_checksummed(path.read_bytes())
@@ -189,7 +189,7 @@ class Folder:
     """The folder of a run is locked while open; a resumed run must have the same `fingerprint`.
 
     In mode `read`, a folder without a lock file is not locked, since it may be write-protected.
-    Nothing is changed before `begin`, so a refused run leaves the folder unchanged.
+    No result is changed before `begin`, so a refused run leaves all results unchanged.
     """
 
     path: Path
@@ -272,7 +272,7 @@ class Folder:
     def begin(self, **entries: Any) -> None:
         """Begin to write: with --force the files of an earlier run are removed first.
 
-        `run.json` is replaced by these `entries` and is never missing. Without it, the folder of a
+        `run.json` gets these `entries` and is never missing. Without it, the folder of a
         run that is killed now would seem to belong to another program.
         """
         output_files.clean_up(self.path, self.kind)
@@ -288,9 +288,9 @@ class Folder:
         return mark(self.fingerprint)
 
     def refuse_foreign(self, name: str, run: str | None) -> None:
-        """Raise `InputError` if the file with this name belongs to another `run`.
+        """Raise `InputError` if the file `name`, which has the mark `run`, is of another run.
 
-        Files of older versions name no run; they are accepted if `run.json` has their digest.
+        Files of older versions have no mark; they are accepted if `run.json` has their digest.
         """
         path = self.path / name
         if run == self.run:
@@ -303,7 +303,7 @@ class Folder:
         raise InputError.at(str(path), message)
 
     def path_of(self, name: str) -> Path:
-        """Return the path of an output; raises `KeyError` if this kind of run lacks it."""
+        """Return the path of an output; raises `KeyError` if this kind of run does not have it."""
         if not self.kind.is_output(name):
             raise KeyError(name)
         return self.path / name
@@ -314,7 +314,7 @@ class Folder:
         return {n: output_files.digest(self.path / n) for n in names if n != self.kind.mark}
 
     def remove_stale(self, names: Collection[str]) -> None:
-        """Remove files of an earlier report that the present report does not write."""
+        """Remove the files `names`, which only an earlier report wrote."""
         for name in {*output_files.output_names(self.path, self.kind)} & {*names}:
             self.path_of(name).unlink()
 
@@ -344,7 +344,7 @@ class Folder:
         return bool(self._unfinished()) or (self.path / CHAIN).exists()
 
     def _unfinished(self) -> list[str]:
-        """Return the files of segments that the chain does not contain yet."""
+        """Return the names of files with segments that the chain does not contain yet."""
         return [
             n for n in output_files.output_names(self.path, output_files.UNFINISHED) if n != RUN
         ]
@@ -403,7 +403,7 @@ def _piece_name(ensemble: int, first_step: int) -> str:
 
 
 def mark(fingerprint: Mapping[str, Any]) -> str:
-    """Return the mark of a run: 12 hex digits of a digest of its fingerprint without versions."""
+    """Return the mark of a run: 12 hex digits of the hash of its fingerprint without versions."""
     settings = sorted(
         (n, value) for n, value in fingerprint.items() if not n.startswith(VERSION_OF)
     )
@@ -412,7 +412,7 @@ def mark(fingerprint: Mapping[str, Any]) -> str:
 
 
 def read_run(folder: Path) -> dict[str, Any] | None:
-    """Read `run.json`, or return None without one; raises `InputError` if it is damaged or foreign."""
+    """Read `run.json`; return None if it is missing, raise `InputError` if damaged or foreign."""
     path = folder / RUN
     if not output_files.path_kind(path):
         return None

@@ -1,1 +1,1 @@
-"""The sections of reports, a module each: its sentences, tables and figures, and its `PART` of a run."""
+"""Each module builds a section of reports: sentences, tables, figures, and `PART` for a run."""

@@ -101,7 +101,7 @@ def calibration_sections(
 
 
 def ranks_table(verdict: CalibrationVerdict) -> Table:
-    """Build the table of truths inside credible intervals, with what chance allows."""
+    """Build the table of ranks and of truths inside credible intervals, with what chance allows."""
     shares = [f"in {100 * i.share:.3g} % interval" for i in verdict.quantities[0].intervals]
     n, lines = max(verdict.band.n, 1), []
     for q in verdict.quantities:

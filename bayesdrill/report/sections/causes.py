@@ -25,7 +25,7 @@ from bayesdrill.rig.models.roles import Roles
 WIDER = 2.0  # upper end of a proposed prior, divided by the estimate
 SHOWN = 5  # largest number of candidates or unknowns that are shown
 AND = ", and "  # after a comma, because the words of a candidate may contain an "and"
-WANDERS = 3.0  # sd between windows / sd within one, above which chance does not explain the change
+WANDERS = 3.0  # (sd between windows / sd of one estimate) that is no longer put down to chance
 STEPS = (
     "next: bayesdrill map CONFIG --apply NEW writes the config with these lines; map NEW shows whether "
     "it fits.\n"
@@ -52,7 +52,7 @@ def describe_causes(causes: Causes | None) -> str:
 
 
 def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
-    """Return for a page the candidates, the best one's lines for the config, and what to do next."""
+    """Return blocks of a page: candidates, config lines of the best one, and what to do next."""
     if causes is None:
         return ()
     refitted = f"fit: {count_noun(len(causes.ranked), 'candidate was', 'candidates were')} refitted"
@@ -120,15 +120,15 @@ def _absorbing(good: Sequence[Cause], best: Cause | None) -> str:
 def _left(best: Cause) -> str:
     if not best.absorbing:
         return f"That leaves {'what looks like the noise' if best.explains_all else 'more than noise'}."
-    left = ", ".join(f"{percent(row.simulated)} of {row.name}" for row in best.fit)
-    return f"That absorbs the misfit. The rig itself leaves unexplained {left}."
+    each = ", ".join(f"{percent(row.simulated)} of {row.name}" for row in best.fit)
+    return f"That absorbs the misfit. The rig itself leaves unexplained {each}."
 
 
 def _instead_of(good: Sequence[Cause], best: Cause | None) -> list[str]:
     """List changes of the best candidate that the record cannot distinguish from another change."""
-    alike = (each.said_of for cause in good for each in cause.doubts if each.kind == "alike")
+    similar = (each.said_of for cause in good for each in cause.doubts if each.kind == "alike")
     words = {*(best.words if best else ())}
-    pairs = dict.fromkeys(pair for pair in alike if len({*pair} & words) == 1)
+    pairs = dict.fromkeys(pair for pair in similar if len({*pair} & words) == 1)
     return [f"fit: {listed(pair, ', or ')}: the record cannot tell them apart." for pair in pairs]
 
 
@@ -155,14 +155,14 @@ def _candidate_table(causes: Causes) -> Table:
     lines = [("as given", "0", "0", *(percent(summary.share) for summary in causes.given))]
     for cause in causes.supported[:SHOWN]:
         factors = (f"{cause.bayes:+.1f}", f"{cause.gain:+.1f}")
-        left = (percent(summary.share) for summary in cause.fit)
-        lines.append((_difference(cause, best), *factors, *left))
+        unexplained = (percent(summary.share) for summary in cause.fit)
+        lines.append((_difference(cause, best), *factors, *unexplained))
     heads = ("model", "log Bayes factor", "log posterior", *channels)
     return Table(heads, tuple(lines), frozenset({"model"}))
 
 
 def _difference(cause: Cause, best: Cause | None) -> str:
-    """Describe a candidate by its difference to the `best`, which is called A, if that is shorter."""
+    """Describe a candidate by its difference from the `best` one, called A, if that is shorter."""
     if best is None:
         return listed(cause.words, AND)
     if cause is best:
@@ -177,7 +177,7 @@ def _difference(cause: Cause, best: Cause | None) -> str:
 
 
 def wandering(causes: Causes) -> str:
-    """Describe which unknowns change between windows; empty if fewer than two were refitted."""
+    """Describe unknowns that change between windows; empty for fewer than two refitted windows."""
     if len(causes.windows) < 2:
         return ""
     changes, columns = [], dict[str, list[FittedValue]]()

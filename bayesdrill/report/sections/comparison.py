@@ -75,7 +75,7 @@ def comparison_sections(
         build("Verdict", "\n".join(comparison_verdict(models))),
         *drawn,
         build("Models", comparison_table(models), Note(COMPARISON_READ), scores),
-        # `Sentences` are kept if they are empty too: a terminal then shows an empty line.
+        # `Sentences` are kept if they are empty, for an empty line on the terminal.
         build("How the unknowns move", moved, read, Sentences("\n".join(far))),
         build("What differs between the models", settings, brief=False),
     )
@@ -144,7 +144,7 @@ def comparison_table(models: Sequence[RunSummary]) -> Table:
     """Build the table of models, the most probable first."""
     top = max(model.log_z for model in models)
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
-    share = probabilities(models)
+    probability = probabilities(models)
     held = _against_best([model.held_out for model in models], lambda model: model.score, "-")
     left_out = [model.loo if isinstance(model.loo, LooScore) else None for model in models]
     loo = _against_best(left_out, lambda score: score.elpd, "refused")
@@ -160,7 +160,7 @@ def comparison_table(models: Sequence[RunSummary]) -> Table:
             "unknowns": str(len(model.layer.problem.symbols)),
             "log evidence": evidence_said(model.evidence),
             "against best": f"{model.log_z - top:.1f}" if model.log_z < top else "best",
-            "probability": f"{share[k]:.3g}" if share[k] > 1e-4 else "0",
+            "probability": f"{probability[k]:.3g}" if probability[k] > 1e-4 else "0",
             "held out": held[k],
             "LOO": loo[k],
             "rms": f"{rms:.3g}",
@@ -180,8 +180,8 @@ def _against_best[S: (HeldOutScore, LooScore)](
         if score is None or best is None:
             cells.append(none)
         else:
-            apart, error = difference(score, best)
-            cells.append("best" if apart == 0.0 else f"{apart:.1f} +- {error:.1f}")
+            gap, error = difference(score, best)
+            cells.append("best" if gap == 0.0 else f"{gap:.1f} +- {error:.1f}")
     return cells
 
 
@@ -214,12 +214,12 @@ def comparison_csv(models: Sequence[RunSummary], rows: Sequence[OverlayRow]) -> 
     heads += [f"{what}_{name}" for name in channels for what in ("rms", "correlation")]
     heads += [f"{row.symbol.name}_{what}" for row in rows for what in ("mean", "sd")]
     lines: list[Sequence[object]] = [heads]
-    top, share, none = max(model.log_z for model in models), probabilities(models), (None, None)
-    for k, model in enumerate(models):
+    top, none = max(model.log_z for model in models), (None, None)
+    for k, (model, probability) in enumerate(zip(models, probabilities(models), strict=True)):
         residuals = {each.name: (each.rms, each.correlation) for each in model.residuals}
         held, places = model.held_out, [row.places[k] for row in rows]
         said = [model.name, len(model.layer.problem.symbols), "yes" if model.converged else "no"]
-        said += [model.log_z, model.evidence.error, model.log_z - top, share[k]]
+        said += [model.log_z, model.evidence.error, model.log_z - top, probability]
         said += none if held is None else (held.score, held.samples)
         said += (
             (None, finding_sentence(model.loo))
@@ -250,7 +250,7 @@ def comparison_figure(
     """Draw models, the most probable one on top and in black; `rows` of unknowns are in SI units."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [model.layer for model in models]
-    # An unknown is drawn if two models have it, or half of more than `FEW_MODELS`; the table has all.
+    # An unknown is drawn if two models have it; with more than `FEW_MODELS`, half of them must.
     least = max(2, len(models) / 2) if len(models) > FEW_MODELS else 2
     common = [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least]
     shared = [overlay.scaled_row(row, layers, display_units) for row in common[:MAX_UNKNOWNS]]

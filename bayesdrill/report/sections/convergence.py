@@ -54,8 +54,8 @@ def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: DisplayUnits)
         values = mode.maxima[k].values
         places = ", ".join(f"{name} {units.format_value(name, values[name])}" for name in names)
         lines.append(f"  {weights[k]:.1%} of the draws belong to the one at {places}")
-    if len(rest := order[MOST_LISTED:]):
-        lines.append(f"  {weights[rest].sum():.1%} of the draws belong to the other {len(rest)}")
+    if len(more := order[MOST_LISTED:]):
+        lines.append(f"  {weights[more].sum():.1%} of the draws belong to the other {len(more)}")
     return "\n".join(lines)
 
 
@@ -65,7 +65,7 @@ DIAGNOSTICS = (
     "count the independent ones: the error of a mean is the sd over their square root. Acceptance is "
     "the share of proposed steps that were taken."
 )
-MOST_NAMED, MOST_LISTED = 4, 6  # largest numbers of unknowns named at a maximum, and of maxima
+MOST_NAMED, MOST_LISTED = 4, 6  # largest numbers: unknowns named at a maximum, and maxima
 
 
 def _apart(value: float, other: float) -> bool:
@@ -93,20 +93,20 @@ def describe_map(mode: Mode, units: DisplayUnits) -> str:
         lines.append("     no second search confirms it; increase map.starts or map.evaluations")
     for other in mode.others[:MOST_LISTED]:
         moved = {n: abs(x - other.values[n]) / max(abs(x), 1e-300) for n, x in mode.values.items()}
-        apart = [name for name, x in other.values.items() if _apart(x, mode.values[name])]
-        apart = apart or [max(moved, key=moved.__getitem__)]
+        names = [name for name, x in other.values.items() if _apart(x, mode.values[name])]
+        names = names or [max(moved, key=moved.__getitem__)]
         places = ", ".join(
-            f"{name} {units.format_value(name, other.values[name])}" for name in apart[:MOST_NAMED]
+            f"{name} {units.format_value(name, other.values[name])}" for name in names[:MOST_NAMED]
         )
         lower = mode.log_posterior - other.log_posterior
         height = f"{lower:.3g} lower" if lower > mode.tolerance else "as high"
         lines.append(
             f"     another maximum, {height}: {places}"
-            + (", ..." if len(apart) > MOST_NAMED else "")
+            + (", ..." if len(names) > MOST_NAMED else "")
         )
-    if rest := mode.others[MOST_LISTED:]:
-        lowest = mode.log_posterior - rest[-1].log_posterior
-        lines.append(f"     and {len(rest)} more, at most {lowest:.3g} lower")
+    if unlisted := mode.others[MOST_LISTED:]:
+        lowest = mode.log_posterior - unlisted[-1].log_posterior
+        lines.append(f"     and {len(unlisted)} more, at most {lowest:.3g} lower")
     lines.append(
         f"     gradient: a Newton step would raise the log posterior by {mode.gain:.1g}"
         + (f"; at the bound of its prior: {', '.join(mode.at_bound)}" if mode.at_bound else "")
@@ -183,7 +183,7 @@ def describe_convergence(sampled: SamplingResult) -> str:
 
 
 STEPS = 300  # largest number of steps that are drawn
-QUANTILES = (0.05, 0.5, 0.95)  # quantiles of the walkers
+QUANTILES = (0.05, 0.5, 0.95)  # quantiles over the walkers that are drawn
 EXCURSION = 1.0  # largest extension of an axis for burn-in, in widths of the bands after burn-in
 REACH = 0.5  # largest extension of an axis for the nominal value, in widths of the axis
 # Grey, line width and dashes of each ensemble; two neighbours are distinguishable in print.
@@ -197,7 +197,7 @@ LOOKS: tuple[tuple[str, float, Any], ...] = (
 )
 THIN = 0.8  # line width in a panel with all ensembles
 STRETCHES = 45  # number of segments, in each of which a median is averaged to make dashes visible
-MARKS = 4  # number of marks with ensemble numbers in a panel; each ensemble has at least one
+MARKS = 4  # marks with ensemble numbers in a panel; none for more than 2 * MARKS ensembles
 MARK = style.fix_look(linestyle="none", marker="o", markersize=6.5, markeredgewidth=0.5)
 BURN_IN: dict[str, Any] = {**style.HATCHED, "hatch": "////"}
 BANDS = 0.24  # opacity of all bands together
@@ -298,14 +298,14 @@ def _step_axis(panel: Axes, n: int, max_count: int = 3) -> None:
     panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
 
 
-BEYOND = 2.0  # largest lag that is shown, in lengths of the window that tau is summed over
+BEYOND = 2.0  # largest lag that is shown, in lengths of the window over which tau is summed
 TAU: dict[str, Any] = {"color": style.BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.8}
 
 
 def autocorrelation_figure(
     theta: Array, symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw autocorrelations of chains `(E, S, W, D)` by ensemble, with time and window of all."""
+    """Draw autocorrelations of chains `(E, S, W, D)` by ensemble, with tau and window of all."""
     result = autocorrelation(theta)
     lags = min(theta.shape[1], math.ceil(BEYOND * (int(result.window.max()) + 1)) + 1)
     each = [autocorrelation(chain[None]).rho[:lags] for chain in theta]

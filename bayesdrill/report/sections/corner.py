@@ -35,7 +35,7 @@ from bayesdrill.report.view import Drawing, ReportContext
 GAP = 0.06  # gap between panels, relative to a panel
 LARGEST = 2.2 * (1 + GAP)  # largest distance of a panel from the next, in inches
 LEAST = 13.0 / 72  # smallest distance of a panel from the next, in inches; pages grow to keep it
-READABLE = 5.7  # smallest font size of upright labels [points]; turned labels show the axis range
+READABLE = 5.7  # font size [points] below which labels are turned, and show the range of their axis
 SMALLEST = 5.2  # smallest font size of numbers at an axis, in points
 BELOW = 0.11  # inches for the gap above a turned label and the margin under it
 CLEAR = 0.1  # share of an axis at each end that has no numbers
@@ -72,9 +72,9 @@ def _label_with_ends(scale: Scale, symbol: Symbol) -> str:
 class CornerPage:
     """The page has `panels (n, n)` for pairs of `axes`; they are None above the diagonal.
 
-    `width` [inches] is its largest width, `letters` [points] the font size of labels, and `pitch`
-    [inches] the distance from panel to panel. Lines and marks are thinner by the factor `fine` than
-    in a large panel. Labels are `turned` if numbers would be too small.
+    A legend may widen the page up to `width` [inches]. `letters` [points] is the font size of
+    labels, and `pitch` [inches] the distance from panel to panel. Small panels have thinner lines
+    and marks, by the factor `fine`. Labels are `turned` if numbers would be too small.
     """
 
     figure: Figure
@@ -161,7 +161,7 @@ class CornerPage:
                 self.panels[k, 0].set_ylabel(name, rotation=0, ha="right", va="center", **look)
 
     def _add_legend(self, handles: Sequence[Any]) -> None:
-        """Put a legend in the upper right; the page grows for it, first sideways, then upwards."""
+        """Put a legend in the upper right; the page grows sideways up to `width`, then upwards."""
         figure = self.figure
         look: dict[str, Any] = {"loc": "upper right", "borderaxespad": 0.3}
         legend = figure.legend(handles=handles, **look)
@@ -263,11 +263,11 @@ def _column(x: Array, symbol: Symbol, displayed: DisplayedUnknowns) -> CornerCol
 def _title(column: CornerColumn, interval: Array) -> str:
     scale = column.scale
     name = ("" if scale.origin == 0 else r"\delta ") + column.symbol.latex
-    middle, near, far = scale.axis_numbers(np.array([float(np.median(column.draws)), *interval]))
+    middle, low, high = scale.axis_numbers(np.array([float(np.median(column.draws)), *interval]))
     power = math.floor(math.log10(abs(middle))) if middle and not scale.origin else 0
     if not scale.log or -2 <= power <= 2:
-        return f"${name} = {scales.with_spread(middle, near, far)}$"
-    spread = scales.with_spread(*(x / 10.0**power for x in (middle, near, far)))
+        return f"${name} = {scales.with_spread(middle, low, high)}$"
+    spread = scales.with_spread(*(x / 10.0**power for x in (middle, low, high)))
     return rf"${name} = ({spread})\,10^{{{power}}}$"
 
 
@@ -292,11 +292,11 @@ def _points(columns: Sequence[CornerColumn], page: CornerPage) -> None:
 
 
 def _marginal(panel: Axes, column: CornerColumn, page: CornerPage) -> None:
-    """Draw a histogram of all draws, cut at ends of the prior, and the prior density in its scale."""
+    """Draw a histogram of all draws, cut at ends of the prior, and the prior to the same scale."""
     x, scale = column.x, column.scale
     interval = np.array(hdi(column.draws))
-    near, far = scale(interval).tolist()
-    panel.axvspan(near, far, color=style.FAINT, zorder=-2, linewidth=0)
+    begin, end = scale(interval).tolist()
+    panel.axvspan(begin, end, color=style.FAINT, zorder=-2, linewidth=0)
     low, high = central(x)
     across = min(float(BINS), 2.2 * math.cbrt(len(x)))  # fewer bins for few draws
     first = max(column.scale.low, column.prior_ends[0])

@@ -1,4 +1,4 @@
-"""Describe a designed experiment: sds before and after it, undeterminable targets, and a figure."""
+"""Describe a designed experiment: sds before and after it, hidden targets, and a figure."""
 
 from __future__ import annotations
 

@@ -37,10 +37,10 @@ from bayesdrill.report.view import Drawing, ReportContext, ReportPart, for_each_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """The channel has measured (or NaN) and modelled values `(T,)`.
+    """A channel has measured values `y (T,)`, NaN if missing, and values `model (T,)`.
 
     `predictive (N, T)` are draws with noise, or None, and `sigma` is the sd of the noise.
-    `unexplained` is a fraction of the channel's spread, NaN for a constant channel.  `dots` are
+    `unexplained` is rms of residuals / sd of the channel, NaN for a constant channel.  `dots` are
     indices of the evenly spaced samples that are drawn as dots.
     """
 
@@ -55,9 +55,10 @@ class Signal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """A course has `values (T,)` of a measured input or a friction, held or `straight` between samples.
+    """A course has `values (T,)` of a measured input, or of a friction at the MAP.
 
-    A friction at the MAP has a `band (2, T)` of draws, and rests between each pair of times in `sticks`.
+    An input is held or `straight` between samples.  A friction has a `band (2, T)` of draws, and it
+    sticks from the first to the second time of each pair in `sticks`.
     """
 
     label: Symbol
@@ -91,9 +92,9 @@ def every_fit(
     predictive: Mapping[str, Array] | None = None,
     rubbing: Sequence[Sequence[FrictionMotion]] = (),
 ) -> Iterator[Fit]:
-    """Yield the fit of each experiment, at the MAP `(D,)` with its residuals.
+    """Yield the fit of each experiment at the MAP `best (D,)`; `left` summarises its residuals.
 
-    `predictive` has draws `(..., T)` of each channel, SI, by its name among all experiments.
+    `predictive` has draws `(..., T)` of each channel, SI, by its name with the experiment's label.
     `rubbing` has the frictions of each experiment, or is empty.
     """
     clock, full = problem.clock, problem.posterior.space.full(best[None])
@@ -146,7 +147,7 @@ def _channels(
     best: Array,
     models: Array,
     indices: Indices,
-    explained_fractions: Mapping[str, float],
+    unexplained: Mapping[str, float],
     predictive: Mapping[str, Array],
 ) -> Iterator[Signal]:
     """Yield each channel with its model `(T, K)`, at the samples that are shown."""
@@ -163,12 +164,12 @@ def _channels(
             model=models[indices, k] / unit.factor,
             predictive=draws,
             sigma=float(sigmas[k]) / unit.factor,
-            unexplained=explained_fractions[channel.name],
+            unexplained=unexplained[channel.name],
         )
 
 
 DOTS = 3000  # largest number of measured samples that are drawn in a panel
-SHOWN_STRETCHES = 20_000  # segments of a long record; a figure has the extremes of each segment
+SHOWN_STRETCHES = 20_000  # number of segments of a long record; a figure shows their extremes
 
 
 def _shown_samples(observation: Observation, models: Array, efforts: Sequence[Array]) -> Indices:
@@ -207,7 +208,7 @@ def extremes(y: Array, max_count: int) -> Indices:
 
 
 def corners(u: Array, max_count: int) -> Indices:
-    """Return indices at which a held input `u` begins, changes and ends, or `extremes` of too many."""
+    """Return indices where a held input `u` begins, changes and ends, or `extremes` if too many."""
     changes = np.flatnonzero(np.diff(u)) + 1
     indices = np.unique(np.concatenate([[0, len(u) - 1], changes]))
     return indices if len(indices) <= max_count else extremes(u, max_count)
@@ -241,8 +242,8 @@ def _prediction(observation: Observation, full: Array) -> str:
     return text.getvalue()
 
 
-# Heights of panels with their axes [in]: of inputs or frictions, and of signals.  Figures as wide as
-# one column of text also have panels of residuals, below the signals.
+# Heights of panels with their axes [in]: of inputs or frictions, and of signals.  Figures of single
+# width have residuals below the signals, and the third height is theirs.
 WIDE_HEIGHTS, NARROW_HEIGHTS = (0.85, 1.55), (0.65, 1.05, 0.65)
 SHARES = (0.6, 0.4)  # fractions of the figure's width, for signals and for residuals
 
@@ -330,12 +331,12 @@ STICKS: dict[str, Any] = {**style.HATCHED, "hatch": "/////"}
 
 
 def _dots(panel: Axes, x: Array, y: Array) -> None:
-    """Draw samples as dots, smaller for more samples, so that lines behind them stay visible."""
+    """Draw samples as dots, smaller for more samples, so that the band behind stays visible."""
     panel.plot(x, y, **(DOT | {"markersize": min(3.0, max(1.0, 40 / math.sqrt(len(x))))}))
 
 
 def _course(panel: Axes, course: Course, time: scales.Scale, t: Array) -> None:
-    """Draw an input as the model holds it between samples; sticking friction is hatched."""
+    """Draw an input or a friction, held or straight between samples; hatching shows sticking."""
     u, band = course.values, course.band
     drawn = (extremes if course.straight or band is not None else corners)(u, LINE_POINTS)
     low, high = float(u.min()), float(u.max())
@@ -370,8 +371,8 @@ def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
 def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array, *, beside: bool) -> None:
     residual, sigma = signal.y - signal.model, signal.sigma
     label = Symbol("rest", "", r"\mathrm{residual}", signal.label.latex_unit, "")
-    far = max(float(np.nanmax(np.abs(residual))), SIGMAS * sigma)
-    scale = _numbers(panel, label, -far, far)
+    limit = max(float(np.nanmax(np.abs(residual))), SIGMAS * sigma)
+    scale = _numbers(panel, label, -limit, limit)
     ends = scale(np.array([-1.0, 1.0]) * SIGMAS * sigma)
     panel.axhspan(*ends, zorder=0, **style.BAND)
     for end in ends:
@@ -380,10 +381,10 @@ def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array, *, bes
     panel.axhline(float(scale(0.0)), zorder=2, **style.BLACK_LINE)
     if not math.isnan(signal.unexplained):
         gap = " " if beside else "\n"
-        share = f"unexplained:{gap}{percent(signal.unexplained)}"
+        text = f"unexplained:{gap}{percent(signal.unexplained)}"
         look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
         look |= {"rotation": 90, "ha": "left", "va": "center"}
-        panel.annotate(share, (1.0, 0.5), (4, 0), size=style.letters("legend.fontsize"), **look)
+        panel.annotate(text, (1.0, 0.5), (4, 0), size=style.letters("legend.fontsize"), **look)
 
 
 def _numbers(
@@ -395,7 +396,7 @@ def _numbers(
 
 
 def _legend(fit: Fit, at: str) -> dict[str, style.Look]:
-    """Return the entries of the legend; constant inputs are among them."""
+    """Return the entries of the legend, including constant inputs."""
     model = f"model at {at}"
     if fit.courses:
         how = "straight" if fit.courses[0].straight else "held"

@@ -1,4 +1,4 @@
-"""Report friction: its laws against speed, and parameters that resemble it."""
+"""Report friction: its laws over speed, and parameters that resemble friction."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def effort_symbol(friction: Friction) -> Symbol:
 
 
 def speed_symbol(state: str, inertia: InertiaRoles | None, model: Model) -> Symbol:
-    """Return the symbol of a current or a speed; before a gear it is the speed of the inertia itself."""
+    """Return the symbol of the current or speed `state`; an inertia behind a gear has its own."""
     symbol = model.symbols[state]
     if inertia is None or not inertia.latex:
         return symbol
@@ -111,8 +111,8 @@ EXPERIMENTS: Mapping[str, str] = {
 
 def friction_sentences(study: FrictionConfounding, model: Model) -> str:
     """Describe each friction that is confounded or unseen in a line; empty if there is none."""
-    alike = (_describe_confounded(pair, model) for pair in study.alike)
-    return "\n".join([*alike, *(_unseen(law, model) for law in study.unseen)])
+    confounded = (_describe_confounded(pair, model) for pair in study.alike)
+    return "\n".join([*confounded, *(_unseen(law, model) for law in study.unseen)])
 
 
 def _describe_confounded(tied: Confounded, model: Model) -> str:
@@ -198,9 +198,9 @@ def friction_figure(laws: Sequence[LawShown], width: float = scales.DOUBLE) -> F
 
 def _law(panel: Axes, law: LawShown) -> None:
     curves = [law.at_map, *law.band, *([] if law.nominal is None else [law.nominal])]
-    far = HEAD * max(float(np.abs(curve).max()) for curve in curves) or 1.0
+    limit = HEAD * max(float(np.abs(curve).max()) for curve in curves) or 1.0
     x = scales.scale(float(law.speeds[0]), float(law.speeds[-1]))
-    y = scales.scale(-far, far)
+    y = scales.scale(-limit, limit)
     room = FOOT / (1.0 - FOOT) * (y.high - y.low)
     for side, outside, beside in ((law.speeds <= 0, -1, -2), (law.speeds >= 0, 0, 1)):
         band = law.band[:, side]

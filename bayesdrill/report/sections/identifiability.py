@@ -1,4 +1,4 @@
-"""Report what a record can show: sentences, tables, profiles, and the spectrum of the information."""
+"""Report what a record can show: sentences, tables, profiles, and the information's spectrum."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SHAPES = {
     "flat": "any value of its prior fits as well: the record does not determine it",
     "at the bound": "the best fit lies at the end of its prior",
 }
-# A parameter that the record alone does not determine has limits: beyond, others leave their priors.
+# The text for a parameter with limits beyond which other parameters would leave their priors.
 THROUGH_OTHERS = "by the ends of the others' priors; the record alone does not determine it"
 
 
@@ -47,7 +47,7 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
 
 
 def describe_study_point(point: StudyPoint, problem: Problem) -> str:
-    """Return why a record is not studied at the start; empty if the rig moves there."""
+    """Return why a record is not studied at the start values; empty if the rig moves there."""
     if not point.inert:
         return ""
     named = zip(problem.names, point.theta.tolist(), strict=True)
@@ -196,8 +196,8 @@ def remedies(study: IdentifiabilityStudy) -> str:
     n = len(study.structure.symmetries)
     rows = []
     for remedy in helpful[:MOST_REMEDIES]:
-        left = remedy.left - study.structure.unexplained
-        effect = "no symmetry is left" if left <= 0 else f"{left} of {n} left"
+        kept = remedy.left - study.structure.unexplained
+        effect = "no symmetry is left" if kept <= 0 else f"{kept} of {n} left"
         if not remedy.breaks:
             effect = "breaks no symmetry"
         rows.append((f"  {remedy.what}", f"{remedy.shrink:.1f} x", effect if n else ""))
@@ -206,7 +206,7 @@ def remedies(study: IdentifiabilityStudy) -> str:
 
 
 def open_products(study: IdentifiabilityStudy, thresholds: IdentifySpec) -> list[Exponents]:
-    """Return products, selected as in a verdict, that a record is expected to leave open."""
+    """Return products, selected as in a verdict, that a record is not expected to determine."""
     prior_sd = np.array([known.prior_sd for known in study.parameters])
     expected = study.information.with_priors(prior_sd)
 
@@ -244,10 +244,10 @@ def _of_each(study: IdentifiabilityStudy) -> str:
     """Describe the unknowns that the record determines badly although there is no symmetry."""
     named = list(zip(study.names, study.parameters, strict=True))
     loose = [f"{name} to {percent(known.bound)}" for name, known in named if known.bound > WELL]
-    left = [name for name, known in named if known.word != "determined"]
+    open_ones = [name for name, known in named if known.word != "determined"]
     unseen = [nuisance.name for nuisance in study.nuisances if nuisance.word != "determined"]
     tied = [n for n in study.nuisances if n.like]
-    if not loose and not left and not tied:
+    if not loose and not open_ones and not tied:
         if not unseen:
             return "the record determines every unknown"
         return (
@@ -257,8 +257,8 @@ def _of_each(study: IdentifiabilityStudy) -> str:
     parts = ["no symmetry hides an unknown from this record"]
     if loose:
         parts.append(f"without priors it would determine {listed(loose)} at best")
-    if left:
-        parts.append(f"with them it leaves {listed(left)} largely to the prior")
+    if open_ones:
+        parts.append(f"with them it leaves {listed(open_ones)} largely to the prior")
     for n in tied:
         parts.append(f"{n.name} can hardly be distinguished from {listed([o for o, _ in n.like])}")
     return "; ".join(parts)
@@ -286,7 +286,7 @@ def describe_profiles(
 
 
 def _row(study: IdentifiabilityStudy, known_product: KnownProduct) -> tuple[str, ...]:
-    # The record alone does not determine it, but ratios are known, and other unknowns have priors.
+    # The record alone determines only ratios to other unknowns, whose priors do the rest.
     shared = math.isinf(known_product.bound) and known_product.word != "left to the prior"
     return (
         f"  {product(study.names, known_product.exponents)}",
@@ -298,7 +298,7 @@ def _row(study: IdentifiabilityStudy, known_product: KnownProduct) -> tuple[str,
 
 
 def percent(sd_of_log: float) -> str:
-    """Return a standard deviation of a log as a percentage, without a number above 1000 %."""
+    """Return a standard deviation of a log as a percentage; above 1000 %, only this limit."""
     value = 100.0 * sd_of_log
     if value > 1000:
         return "> 1000 %"
@@ -315,7 +315,7 @@ def _count(n: int, text: str, many: str) -> str:
 
 LETTER = 0.04  # width of a letter, relative to a panel
 HIGHEST = 8.0  # largest loss that is shown
-MARGIN = 0.04  # margin of a panel, so that steep ends can be seen
+MARGIN = 0.04  # margin at both ends of an axis, relative to its range, for curves that end steeply
 
 
 def profile_figure(
@@ -342,10 +342,10 @@ def profile_figure(
 def _panel(
     panel: Axes, profile: Profile, symbol: Symbol, nominal: float | None, *, log: bool
 ) -> int:
-    """Return the side on which the nominal value is off the axis: -1, 0 or 1."""
-    near = profile.loss <= HIGHEST
-    first, last = (int(k) for k in np.flatnonzero(near)[[0, -1]])
-    shown = slice(max(first - 1, 0), min(last + 2, len(near)))
+    """Draw a profile; return the side on which the nominal value is off the axis: -1, 0 or 1."""
+    low = profile.loss <= HIGHEST
+    first, last = (int(k) for k in np.flatnonzero(low)[[0, -1]])
+    shown = slice(max(first - 1, 0), min(last + 2, len(low)))
     values, loss = profile.values[shown], profile.loss[shown]
     scale = scales.scale(_edge(values, loss, 0), _edge(values, loss, -1), log=log, margin=MARGIN)
     fine = np.geomspace(values[0], values[-1], 400)
@@ -372,19 +372,19 @@ def _edge(values: np.ndarray, loss: np.ndarray, end: int) -> float:
     inner = 1 if end == 0 else -2
     if len(values) < 2 or loss[end] <= HIGHEST:
         return float(values[end])
-    share = (HIGHEST - loss[inner]) / (loss[end] - loss[inner])
-    return float(values[inner] + np.sqrt(max(share, 0.0)) * (values[end] - values[inner]))
+    ratio = (HIGHEST - loss[inner]) / (loss[end] - loss[inner])
+    return float(values[inner] + np.sqrt(max(ratio, 0.0)) * (values[end] - values[inner]))
 
 
 BAR, NARROW_BAR = 0.27, 0.42  # heights of bars [in]; narrow figures have labels above their bars
 LEAST_EXPONENT = 0.15  # smaller exponents are left out of a label
-BEYOND = 30.0  # factors of the axis above the largest finite sd, and below the smallest
+BEYOND = 30.0  # factor by which the axis exceeds the finite sds at either end
 
 
 def spectrum_figure(
     study: IdentifiabilityStudy, latex: Mapping[str, str], width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw a bar for each direction, its length the Cramer-Rao bound on a logarithmic axis."""
+    """Draw a bar for each direction; it ends at the Cramer-Rao bound, on a logarithmic axis."""
     directions = study.information.directions
     wide, n = width >= scales.DOUBLE, len(directions)
     bar = BAR if wide else NARROW_BAR

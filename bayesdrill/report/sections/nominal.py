@@ -47,8 +47,8 @@ def repeats_sentence(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -
     """Describe whether the experiments agree; empty if no product could be compared."""
     if not repeats:
         return ""
-    far = [repeat for repeat in repeats if repeat.differs]
-    if not far:
+    differing = [repeat for repeat in repeats if repeat.differs]
+    if not differing:
         return (
             "experiments: within their uncertainty, all of them show the same rig "
             f"({count_noun(len(repeats), 'product')} compared)."
@@ -56,7 +56,7 @@ def repeats_sentence(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -
     each = ", ".join(
         f"{product(names, repeat.exponents)} by {percent(repeat.spread)} (sds of "
         f"{percent(min(repeat.sds))} to {percent(max(repeat.sds))})"
-        for repeat in sorted(far, key=lambda repeat: repeat.p)
+        for repeat in sorted(differing, key=lambda repeat: repeat.p)
     )
     return (
         f"experiments: they do not show the same rig: {each}. The sds of the joint posterior are too "

@@ -22,7 +22,7 @@ from bayesdrill.report.style import Axes, Figure
 
 
 def overlay_shown(row: OverlayRow, units: DisplayUnits) -> OverlayRow:
-    """Return a row in the unit in which its symbol is shown."""
+    """Return a row in the display unit of its symbol."""
     factor = units.factor(row.symbol.name)
     return dataclasses.replace(
         row,
@@ -37,7 +37,7 @@ def overlay_shown(row: OverlayRow, units: DisplayUnits) -> OverlayRow:
 
 
 def in_logs(row: OverlayRow, layers: Sequence[PosteriorSummary]) -> bool:
-    """Return whether the prior of the first run that has this unknown is flat in its log."""
+    """Return whether the first run that has this unknown has a prior that is flat in logs."""
     priors = (
         layer.problem.posterior.space.priors.get(row.symbol.name)
         for layer in layers
@@ -60,7 +60,7 @@ COLUMNS = ("name", "unit", "run", "nominal", "mean", "sd", *HDI_ENDS, "held", "a
 
 
 def overlay_csv(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> str:
-    """Return CSV in SI with all digits, a line for each unknown and run; `apart` compares all runs."""
+    """Return CSV in SI, a line by unknown and run; `apart` is the largest distance of two runs."""
     lines: list[Sequence[object]] = [COLUMNS]
     for row in rows:
         for layer, place, nominal in zip(layers, row.places, row.nominal, strict=True):
@@ -97,7 +97,7 @@ def overlay_table(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]
 
 
 def farthest(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> Iterator[str]:
-    """Describe which unknowns of two runs are farthest apart."""
+    """Describe the unknowns whose means in two runs are farthest apart."""
     pairs = [(row.distance, row) for row in rows if row.distance is not None]
     ordered = sorted(pairs, key=lambda pair: -pair[0])
     if not ordered:
@@ -115,7 +115,7 @@ def farthest(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> 
 def what_differs(
     layers: Sequence[PosteriorSummary], differs: dict[str, tuple[str | None, ...]]
 ) -> str:
-    """Describe the settings and beliefs in which the runs differ."""
+    """Describe the settings, priors and held values in which the runs differ."""
     spaces = [layer.problem.posterior.space for layer in layers]
     unknown = {name for s in spaces for name in (*s.free, *s.fixed, *s.relations)}
     believed = [name for name in differs if name in unknown]
@@ -151,7 +151,7 @@ class RunStyle:
     linestyle: Any
     marker: str
     linewidth: float = 1.0
-    size: float = 4.0  # of the marker
+    size: float = 4.0  # size of the marker [points]
 
     @property
     def line(self) -> dict[str, Any]:
@@ -171,7 +171,7 @@ RUN_STYLES = (
 
 
 def run_looks(layers: Sequence[PosteriorSummary], *, marked: bool = False) -> dict[str, style.Look]:
-    """Return entries of a legend: the name of each run, with its warning, perhaps with its marker."""
+    """Return legend entries: the name of each run, its warning and, if `marked`, its marker."""
     looks: dict[str, style.Look] = {}
     for run, look in zip(layers, RUN_STYLES, strict=False):
         name = f"{run.name} ({run.warning})" if run.warning else run.name
@@ -181,14 +181,14 @@ def run_looks(layers: Sequence[PosteriorSummary], *, marked: bool = False) -> di
 
 
 CENTRAL_SHARE = 0.998  # share of the draws of each run inside an axis
-CORNER_REACH = 0.5  # the axis grows by this share of its width at most to show the nominal value
-BINS = 40  # bins across an axis
-MIN_FILLED_SHARE = 0.02  # smallest share of an axis that counts for the number of bins
+CORNER_REACH = 0.5  # largest growth of an axis to show the nominal value, in widths of the axis
+BINS = 40  # number of bins across an axis
+MIN_FILLED_SHARE = 0.02  # smallest fraction of an axis that counts as covered by draws, for bins
 
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """The column is an unknown on an axis that all runs share; `draws` of a run may be None."""
+    """The column is an unknown on an axis for all runs, with `draws` and prior `limits` by run."""
 
     row: OverlayRow
     scale: scales.Scale
@@ -199,7 +199,7 @@ class _Column:
 def overlay_corner_figure(
     layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: DisplayUnits
 ) -> Figure:
-    """Draw a corner of the unknowns that two runs or more have, `rows` in SI.
+    """Draw a corner plot of the unknowns that two or more runs have; `rows` are in SI.
 
     A panel omits runs that lack one of its unknowns.
     """
@@ -240,7 +240,7 @@ def _column(
 
 
 def _histograms(panel: Axes, column: _Column, fine: float) -> None:
-    """Draw each density as high as its panel, because a narrow one would dwarf a wide one."""
+    """Draw each histogram as high as its panel, because narrow ones would dwarf wide ones."""
     for x, ends, look in zip(column.draws, column.limits, RUN_STYLES, strict=False):
         if x is None:
             continue
@@ -290,7 +290,7 @@ MARGIN = 1.1  # free height above and below the runs of a panel, in heights of a
 def intervals_figure(
     layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: DisplayUnits
 ) -> Figure:
-    """Draw intervals of all unknowns, `rows` in SI; a run without the unknown leaves a gap."""
+    """Draw intervals of all unknowns, `rows` in SI; a run without an unknown leaves a gap."""
     scaled_rows = [scaled_row(row, layers, display_units) for row in rows]
     n = len(layers)
     with style.styled():
@@ -321,7 +321,7 @@ def draw_intervals(
     *,
     arrow: bool = True,
 ) -> None:
-    """Draw the interval of each run, the first of the `order` on top; an `arrow` shows far values."""
+    """Draw intervals of runs, the first of `order` on top; an `arrow` shows a far nominal value."""
     style.mark_values(panel, scale, row.agreed, arrow=arrow, zorder=1)
     for y, run, look in zip(range(len(order) - 1, -1, -1), order, looks, strict=False):
         estimate, nominal = row.places[run], row.nominal[run]

@@ -88,7 +88,7 @@ def sandwich_table(
     windows: Sequence[Sequence[FittedValue]],
     display_units: DisplayUnits,
 ) -> Table:
-    """Build a table of posterior sds, of sandwich `sds` [SI], and of the ranges of `windows`' refits."""
+    """Build a table of posterior sds, sandwich `sds` [SI], and ranges of MAPs over `windows`."""
     refits = (f"MAP of {len(windows)} windows",) if any(windows) else ()
     heads = ("", "unit", "sd", "sd if residuals remember (sandwich)", "over sd", *refits)
     lines = []
@@ -168,7 +168,7 @@ def believed_columns(run: ReportContext, table: Table) -> Table:
 
 
 TAIL = 0.001  # probability of a prior beyond each end of its bar
-DECADES = 1.5  # the bar of a wider log-uniform prior is logarithmic
+DECADES = 1.5  # width in decades above which the bar of a log-uniform prior is logarithmic
 
 
 def interval_bar(row: ParameterRow, prior: Prior) -> IntervalBar:
@@ -260,7 +260,7 @@ BOX = style.fix_look(
 def prior_posterior_figure(
     draws: Array, displayed: DisplayedUnknowns, width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw priors and draws `(N, D)` of the `displayed` unknowns, for the range of each prior."""
+    """Draw priors and draws `(N, D)` of the `displayed` unknowns, over the range of each prior."""
     symbols = displayed.symbols
     width = width if len(symbols) > 1 else scales.SINGLE
     with style.styled(width):
@@ -280,7 +280,7 @@ def prior_posterior_figure(
 
 
 def _densities(panel: Axes, scale: scales.Scale, x: Array, prior: Prior) -> None:
-    """Draw the posterior as high as its panel; a much wider prior is a low line."""
+    """Draw the posterior as high as its panel, so that a much wider prior is a low line."""
     u = scale(x)
     across = min(float(BINS), 2.2 * math.cbrt(len(x)))
     edges = np.linspace(float(u.min()), float(u.max()), max(2, round(across)))
@@ -322,7 +322,7 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
     table = believed_columns(run, of_rows(run.units.rows(unknowns), bars))
     depending = describe_dependence(run.analysis.leaning).splitlines()
     known = [] if run.reasons else [*in_words(unknowns), *depending]
-    # An empty section gives an empty line on a terminal.
+    # `Sentences` are kept if they are empty, for an empty line on the terminal.
     blocks: list[Block] = [table, Note(read), Sentences("\n".join([*known, *run.notes]))]
     if sds := run.analysis.sandwich:
         windows = causes.windows if causes else ()
@@ -332,10 +332,10 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
 
 SIZE = 3.4  # size of the figure in inches
 POINTS = 3000
-REACH, CORNERS = 1e4, 4001  # factor to both sides, and number of points, of the drawn line
+REACH, CORNERS = 1e4, 4001  # factor from the MAP to the line's ends; number of the line's points
 BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 6.0, "solid_capstyle": "butt"}
 DOTS: dict[str, Any] = {**style.DOTS, "markersize": 1.8, "alpha": 0.6, "zorder": 3}
-MIN_CORRELATION = 0.5  # smallest correlation along a symmetry of a pair that is shown
+MIN_CORRELATION = 0.5  # a pair is shown if its correlation along a symmetry exceeds this
 
 
 @dataclass(frozen=True, slots=True)
@@ -362,8 +362,8 @@ def strongest_pair(draws: Array, structure: ScalingStructure) -> CorrelatedPair 
 
 
 def ridge_figure(draws: Array, pair: CorrelatedPair, displayed: DisplayedUnknowns) -> Figure:
-    """Draw the ridge of draws `(N, D)` of unknowns; the exact line passes through the MAP."""
-    factor, some = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
+    """Draw a pair of unknowns in draws `(N, D)`, and the line of their symmetry through the MAP."""
+    factor, drawn = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
     box, line, dots, cross, marks = [], [], [], [], []
     with style.styled():
         figure, (panel,) = build_page(1, 1, SIZE / NARROW_ROW, SIZE)
@@ -376,7 +376,7 @@ def ridge_figure(draws: Array, pair: CorrelatedPair, displayed: DisplayedUnknown
             scale = scales.scale(*ends, log=flat_in_logs(prior), margin=0.12)
             box.append(scale(np.array(ends)))
             line.append(scale(best * factor**power))
-            dots.append(scale(x[some]))
+            dots.append(scale(x[drawn]))
             cross.append([float(scale(best))])
             marks.append((scale, displayed.nominal[symbol.name] if marked else None))
             style.scale_axis(axis, scale, scale.label(symbol))

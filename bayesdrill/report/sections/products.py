@@ -36,7 +36,7 @@ def derived_table(rows: Sequence[DerivedRow], meanings: Mapping[str, str]) -> Ta
     def cells(row: DerivedRow) -> dict[str, str]:
         part = "" if row.share == 1.0 else f"; {100 * (1 - row.share):.2g} % of the draws have none"
         ratio = abs(row.mean) / row.sd if row.sd > 0 else 1.0
-        digits = max(4, min(12, 2 + math.ceil(math.log10(max(ratio, 1.0)))))  # for the sd
+        digits = max(4, min(12, 2 + math.ceil(math.log10(max(ratio, 1.0)))))  # two digits of the sd
         return {
             "": row.name,
             "unit": plain(row.unit),
@@ -54,9 +54,9 @@ def derived_table(rows: Sequence[DerivedRow], meanings: Mapping[str, str]) -> Ta
 def derived_shown(
     problem: Problem, names: Sequence[str] | None, draws: Array, derived: Derived, theta: Array
 ) -> tuple[Array, DisplayedUnknowns]:
-    """Return draws of `names`, `(N, D)` in displayed units, and how to show them; None means all.
+    """Return draws `(N, D)` of `names` (None: all unknowns) in display units, and how to show them.
 
-    Names are those of the unknowns `draws (E, N, D)` or of derived quantities. `theta (1, D)` is the
+    A name is of an unknown, in `draws (E, N, D)`, or of a derived quantity. `theta (1, D)` is the
     MAP. Draws without a value, and quantities that are constant, are left out.
     """
     symbols, units = (*problem.symbols, *derived.symbols), problem.units

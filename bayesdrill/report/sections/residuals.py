@@ -30,7 +30,7 @@ from bayesdrill.report.style import Axes, Figure
 from bayesdrill.report.view import Drawing, ReportContext, ReportPart, for_each_experiment
 from bayesdrill.rig.models.linear import Model
 
-FARTHEST = 4.5  # largest deviation in sds; larger deviations are counted in the last bin
+FARTHEST = 4.5  # largest deviation that is shown, in sds; the outermost bins count larger ones, too
 BINS = 36
 
 

@@ -33,8 +33,8 @@ TORQUE = Symbol("d", "N*m", "d", r"N\,m", "missing torque")
 class Against:
     """A quantity that a torque may follow, named by `label`, has `values (T,)` in the record.
 
-    In bins with `centres (B,)`, `means (B,)` are those of the expected torque, and `band (2, B)` is
-    the band of the means of draws.
+    In bins around `centres (B,)`, the expected torque has the `means (B,)`, and the means of draws
+    have the `band (2, B)`.
     """
 
     label: Symbol
@@ -45,7 +45,7 @@ class Against:
 
 
 def regressors(torque: TorqueEstimate) -> Iterator[Against]:
-    """Yield the inertia's own speed, then other speeds, the angle within a turn, and inputs."""
+    """Yield what a torque may follow: speeds, its inertia's first; angle within a turn; inputs."""
     rig, here = torque.rig, torque.inertia
     for inertia, (name, speed) in zip(torque.turned, torque.speeds, strict=True):
         geared = inertia if inertia.reduction != 1.0 else None
@@ -78,7 +78,7 @@ def _binned(torque: TorqueEstimate, label: Symbol, values: Array) -> Against:
     )
 
 
-HARMLESS = 0.5  # relative to the noise: admissible error of the linear approximation
+HARMLESS = 0.5  # admissible error of the linear approximation, rms in sds of the noise
 FULL = 0.95  # share of samples in motion, above which the other samples are not mentioned
 WIDE = 3.0  # a proposed prior reaches from size / WIDE to size * WIDE
 HEADS = ("channel", "left without it", "left with it", "moved by it")
@@ -126,7 +126,7 @@ def approximation_note(rig: Model) -> str:
 
 
 def strayed(summary: TorqueSummary, rig: Model) -> str:
-    """Describe how good the approximation was; empty for a linear rig."""
+    """Describe the error of the linear approximation; empty for a linear rig."""
     every = [course for course in summary.courses if np.isfinite(course.strayed)]
     if not every:
         return ""
@@ -163,10 +163,10 @@ def _line(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
     size, sd = abs(law.size), f"{law.sd:.1g}"
     here, motion = rig.roles.inertia(summary.at), rig.roles.motion
     against, (what, unit) = law.size < 0, _follows(summary, law, rig)
-    share = f"That alone explains {100 * law.share:.0f} % of the {motion.torque}."
+    claim = f"That alone explains {100 * law.share:.0f} % of the {motion.torque}."
     if (turning := summary.turning) < FULL:
-        share += f" That counts the {100 * turning:.0f} % of the samples in which it {motion.verb}."
-    said = f"missing {motion.torque}: it follows {what}. {share} It looks like"
+        claim += f" That counts the {100 * turning:.0f} % of the samples in which it {motion.verb}."
+    said = f"missing {motion.torque}: it follows {what}. {claim} It looks like"
     if law.kind == "sign" and against:
         said += f" dry friction {here.at} of {size:.3g} {motion.newtons} (sd {sd})"
     elif law.kind == "speed" and against:
@@ -255,17 +255,17 @@ def torque_figure(torque: TorqueEstimate, width: float = scales.DOUBLE, *, clock
     with style.styled(width):
         figure, (panel, *panels) = build_page(len(against), 2, 2.0, width, narrow=1, first=2.0)
         x = scales.scale(float(torque.t[0] / clock.factor), float(torque.t[-1] / clock.factor))
-        some = style.thin(len(torque.t), TORQUE_POINTS)
-        t = x(torque.t[some] / clock.factor)
-        panel.fill_between(t, *y(band[:, some]), **style.BAND)
-        panel.plot(t, y(torque.expected[some]), **style.BLACK_LINE)
+        drawn = style.thin(len(torque.t), TORQUE_POINTS)
+        t = x(torque.t[drawn] / clock.factor)
+        panel.fill_between(t, *y(band[:, drawn]), **style.BAND)
+        panel.plot(t, y(torque.expected[drawn]), **style.BLACK_LINE)
         _finish(panel, x, y, time_symbol(clock))
         for panel, regressor in zip(panels, against, strict=True):
             x = scales.scale(
                 float(regressor.values.min()), float(regressor.values.max()), margin=0.02
             )
-            some = style.thin(len(regressor.values), TORQUE_POINTS)
-            panel.plot(x(regressor.values[some]), y(torque.expected[some]), **style.DOTS)
+            drawn = style.thin(len(regressor.values), TORQUE_POINTS)
+            panel.plot(x(regressor.values[drawn]), y(torque.expected[drawn]), **style.DOTS)
             panel.fill_between(x(regressor.centres), *y(regressor.band), zorder=1, **style.BAND)
             panel.plot(x(regressor.centres), y(regressor.means), zorder=3, **style.BLACK_LINE)
             _finish(panel, x, y, regressor.label)
