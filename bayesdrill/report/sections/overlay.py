@@ -183,7 +183,6 @@ def run_looks(layers: Sequence[PosteriorSummary], *, marked: bool = False) -> di
 CENTRAL_SHARE = 0.998  # share of the draws of each run inside an axis
 CORNER_REACH = 0.5  # largest growth of an axis to show the nominal value, in widths of the axis
 BINS = 40  # number of bins across an axis
-MIN_FILLED_SHARE = 0.02  # smallest fraction of an axis that counts as covered by draws, for bins
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,8 +244,8 @@ def _histograms(panel: Axes, column: _Column, fine: float) -> None:
         if x is None:
             continue
         first, last = max(float(x.min()), ends[0]), min(float(x.max()), ends[1])
-        share = max((last - first) / (column.scale.high - column.scale.low), MIN_FILLED_SHARE)
-        edges = np.linspace(first, last, max(12, round(BINS * share)) + 1)
+        filled_fraction = (last - first) / (column.scale.high - column.scale.low)
+        edges = np.linspace(first, last, max(12, round(BINS * filled_fraction)) + 1)
         counts, _ = np.histogram(x, edges)
         panel.stairs(counts / counts.max(), edges, **style.finer(look.line, fine))
     style.mark_values(panel, column.scale, column.row.agreed, arrow=False, fine=fine)
