@@ -36,7 +36,7 @@ from bayesdrill.rig.kernels.numbers import (
     product,
 )
 
-REAL, PAIR = 1, 2  # coordinates, and functions per order, of a real pole and of a complex pair
+REAL, PAIR = 1, 2  # number of coordinates, and of functions per order: real pole, complex pair
 ROWS = 4  # rows of the triangle that are multiplied at a time
 # Rounds through all poles. The second round expands the remainder of the first, and its rounding
 # errors are as small as this remainder.
@@ -47,10 +47,10 @@ ROUNDS = 2
 class BasisShape:
     """Kernels are specialised for this structure.
 
-    `slopes` says that numbers have slopes. `poles` has the number of coordinates of each pole, in
-    the order of modal coordinates. Before them are `integrators`, coordinates on which no rate
-    depends. `impulse` says that the rig moves because of its start. `channels` is K. `sums` is 1
-    for the squares of residuals of each channel, and 3 with those of increments and both ends.
+    `slopes` says that numbers have slopes. On the first `integrators` modal coordinates no rate
+    depends. `poles` has the number of coordinates of each pole, in the order in which they follow.
+    `impulse` says that the rig moves because of its start. `channels` is K. `sums` is the number of
+    sums per channel: 1 for squared residuals, 3 with squared increments and both end residuals.
     """
 
     layout: Layout
@@ -109,23 +109,23 @@ class BasisShape:
 
     def scratch_size(self, columns: int, q: int = 0) -> int:
         """Return how many vectors the scratch memory has."""
-        jets, products = 2 if self.slopes else 1, (1 + q) * self.channels * self.sums * columns
-        return self.coefficients_at + jets * self.channels * columns + products + ROWS
+        width, products = 2 if self.slopes else 1, (1 + q) * self.channels * self.sums * columns
+        return self.coefficients_at + width * self.channels * columns + products + ROWS
 
     @property
     def coefficients_at(self) -> int:
         """Return how many vectors precede the coefficients: an exponential, and matrices of poles."""
-        jets = 2 if self.slopes else 1
-        return (self.layout.size**2 + 3 * len(self.poles) * self.decaying**2) * jets
+        width = 2 if self.slopes else 1
+        return (self.layout.size**2 + 3 * len(self.poles) * self.decaying**2) * width
 
 
 @dataclass(frozen=True, slots=True)
 class PoleNumbers:
     """A real pole a = 1 + mu, or a complex pair, has these numbers.
 
-    With M = `denominator` . (1, F, F^2), a pair has functions with the coefficients `even_gain` (2 + F)
-    / M and - `odd_gain` F / M; a real pole has `even_gain` / M. The `all_pass` (a, b, c) is
-    a + (b + c F) / M. Rounding errors are smallest in this form if other modes are far faster or slower.
+    With M = `denominator` . (1, F, F^2), the two functions of a pair are `even_gain` (2 + F) / M
+    and - `odd_gain` F / M; that of a real pole is `even_gain` / M. The `all_pass` (p, q, r) is
+    p + (q + r F) / M. Rounding errors are smallest in this form if other modes are far faster or slower.
     """
 
     denominator: tuple[float, float, float]
@@ -135,7 +135,7 @@ class PoleNumbers:
 
     @classmethod
     def of_pole(cls, mu: complex) -> PoleNumbers:
-        """Return the numbers of a real pole, or of the pair of a complex one."""
+        """Return the numbers of a real pole, or of a complex pole with its conjugate."""
         m, size = mu.real, abs(mu) ** 2
         if mu.imag == 0.0:
             a = 1.0 + m
@@ -231,7 +231,7 @@ class BasisExpansion:
         return [error.value for error in self.errors]
 
     def begin(self, rates: Matrix, rows: Matrix) -> None:
-        """Prepare walkers with the matrix F `(X, X)`, and rows `(K, X)` of channels over states."""
+        """Prepare walkers with F, `rates (X, X)`, and `rows (K, X)`: weights of states in channels."""
         x, d = self.shape.layout.n_states, self.shape.integrators
         for base in self.coefficients.bases:
             self.b.clear(base, self.count)
@@ -281,7 +281,7 @@ class BasisExpansion:
         held = [self.entry(i, x + 1 + s) for i in range(x)]
         if not layout.first_order:
             return held
-        # As u(k + 1) - u(k) is (z - 1) u, the columns of increments act like F times themselves.
+        # As u(k + 1) - u(k) is (z - 1) u, a column of increments acts like F times this column.
         moved = applied(rates, self._increment(s))
         return [a + c for a, c in zip(held, moved, strict=True)]
 
@@ -360,8 +360,8 @@ class _RemainderBound:
     """The bound is that of a walker's response to an input that is the remainder of the series.
 
     For a diagonal block T of modal coordinates, |(z - T)^-1| <= 1 / (1 - |T|) on the unit circle.
-    The coupling between blocks is at most Q. It adds up to (1 - Q)^-1, which is a bound only if it
-    has no negative entry. Coordinates are first turned towards the walker's modes to make Q small.
+    The coupling between blocks is at most Q. Repeated coupling sums to (1 - Q)^-1, a bound only if
+    no entry is negative. Coordinates are first turned towards the walker's modes to make Q small.
     """
 
     def __init__(

@@ -51,8 +51,8 @@ def write_sums(module: Module, shape: BasisShape) -> None:
     `walkers (G, P + X + K (X + 1), LANES)` are parameters, start and channel rows of G groups.
     `columns` is n, a multiple of `ROWS`.  `channel` is the distance between the triangles `(n, n)`
     of two channels, zero if they share one, and `sum` is that between two sums.  `numbers` are step
-    and constant inputs.  `projected (K, sums, n + 1)` has the reference's projected residuals, and
-    the rest's sum of squares.  `out (G, K sums + K, LANES)` has sums and truncation bounds.
+    and constant inputs.  `projected (K, sums, n + 1)` is that of `Triangle`.
+    `out (G, K sums + K, LANES)` has sums and truncation bounds.
 
     With slopes, `directions (G, q, P + ..., LANES)` are slopes of the walkers' numbers in q
     directions, and `weights (G, K sums, LANES)` are weights of the sums.  The results of

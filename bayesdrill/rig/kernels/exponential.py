@@ -53,7 +53,7 @@ class Layout:
 
     `entries(numbers)` returns (row, column, value) of the entries; values at one place are added.
     The numbers are `n_parameters` parameters, then `n_constants` constant inputs. The columns are X
-    states, the constant 1, `n_series` sampled inputs and, for a first-order hold, slopes.
+    states, the constant 1, `n_series` sampled inputs and, for a first-order hold, their slopes.
     """
 
     n_parameters: int
@@ -108,7 +108,7 @@ class Layout:
 
     @property
     def is_zero_column(self) -> tuple[bool, ...]:
-        """Return which columns are zero; the exponential has one on the diagonal of such a column."""
+        """Return which columns are zero; the diagonal of the exponential is 1 in such a column."""
         return tuple(not column for column in self._pattern.any(axis=0))
 
     @property
@@ -137,7 +137,7 @@ def number(b: Builder, base: ir.Value, index: int) -> Vector:
 def addresses(
     b: Builder, block: ir.Value, group: ir.Value, sizes: Mapping[str, int]
 ) -> dict[str, ir.Value]:
-    """Return the addresses of a group's consecutive parts; `sizes` has the vectors of each part."""
+    """Return the addresses of a group's consecutive parts, whose numbers of vectors are `sizes`."""
     starts, start = {}, b.offset(block, b.mul(group, sum(sizes.values())))
     for name, size in sizes.items():
         starts[name], start = start, b.offset(start, size)
@@ -185,7 +185,7 @@ def present(constant: Mapping[str, float]) -> dict[str, float]:
 
 
 def formulas(count: int, evaluate: Callable[[Sequence[Vector]], Any]) -> str:
-    """Return one text with the code of formulas of `count` numbers, and their results by name.
+    """Return a text with the code of formulas of `count` numbers, and the names of their results.
 
     Equal formulas have equal texts, wherever they are defined.
     """
@@ -237,15 +237,15 @@ def store_exponential(
     `beside_one=False` stores e - 1, which keeps more digits for short spans.
 
     The method is scaling and squaring (Moler and Van Loan 2003): a Taylor series of degree 16, then
-    as many squarings as each lane needs. Both compute e - 1. If another state is very fast, the
-    span of the series is short, and adding 1 would round off the small change of a slow state.
+    as many squarings as each lane needs. Both compute e - 1: if one state is very fast, the span of
+    the series is short, and adding 1 would round off the small change of a slow state.
     """
     parameters, span, *changes = numbers
     memory, n = Numbers(b, bool(changes)), layout.size
     (length,) = memory.shaped([span, *changes[1:]])
     values: dict[tuple[int, int], Number] = {}
     for row, column, value in layout.matrix(b, constants, parameters, *changes[:1]):
-        # With increments, the rows of inputs hold for a span of any length.
+        # With increments, the rows of inputs are the same for all spans.
         timed = value if increments and row >= layout.n_states else value * length
         values[row, column] = values.get((row, column), 0.0) + timed
     # The norm of A is enough: the series of M converges if that of A does.
@@ -352,7 +352,7 @@ def emit_power(b: Builder, exponent: ir.Value) -> ir.Value:
 
 
 def emit_halvings(b: Builder, norm: ir.Value, bound: float) -> ir.Value:
-    """Return the smallest h with norm / 2**h <= `bound` from 0 to 60, by the bits of norm / bound."""
+    """Return the smallest h from 0 to 60 with norm / 2**h <= `bound`, by the bits of norm / bound."""
     bits = b.bitcast(b.fdiv(norm, vector(bound)), INT_VEC)
     exponent = b.sub(b.lshr(bits, _MANTISSA_BITS), _EXPONENT_BIAS)
     mantissa = b.and_(bits, (1 << _MANTISSA_BITS) - 1)
@@ -411,8 +411,8 @@ def emit_balanced_norm(b: Builder, x: int, values: Registers) -> ir.Value:
     for row in range(x):
         terms = [(size[row, c], scale) for c, scale in enumerate(scales) if (row, c) in size]
         total = b.add_products(terms)
-        share = b.fdiv(total, scales[row])
-        norm = b.select(b.fcmp_unordered(">", share, norm), share, norm)
+        row_sum = b.fdiv(total, scales[row])
+        norm = b.select(b.fcmp_unordered(">", row_sum, norm), row_sum, norm)
         known = b.fcmp_ordered(">", total, vector(0.0))
         new.append(b.select(known, b.root(b.fmul(total, scales[row])), scales[row]))
     best = b.select(b.fcmp_unordered("<", norm, best), norm, best)

@@ -2,7 +2,7 @@
 
     x_i+ = rows[i] (x, 1, drive, sizes of varying frictions)
 
-As long as each friction slips in one direction or sticks, the rig is linear, in a `FrictionMode`.
+As long as each friction slips in one direction or sticks, the rig is linear: see `FrictionMode`.
 A slipping friction of constant size is part of the constant forcing.  A sticking friction has the
 effort that keeps its speed at zero, which is linear in the other states.  So the row of its speed
 is zero, and the row of its angle keeps the angle.  The rows of a mode are kept in memory, as they
@@ -124,8 +124,8 @@ class FrictionHistory:
 class Step:
     """A step has the matrix of its transition, and its frictions.
 
-    `rows` give the new states from the columns: states, 1, drive and, from `first_friction`, frictions.
-    `slopes` maps the columns of inputs to those of their time derivatives.
+    `rows` give the new states. Their columns are states, 1, drive and, from `first_friction` on,
+    frictions. `slopes` maps the columns of inputs to those of their time derivatives.
     """
 
     rows: Rows
@@ -174,8 +174,8 @@ class Step:
         speeds, middle = {friction.row for friction in self.frictions}, list(state)
         for i in self.size_states:
             here, there = state[i], ahead[i]
-            turned = i in speeds
-            middle[i] = (size(here) + size(there) if turned else here + there) * 0.5
+            is_speed = i in speeds
+            middle[i] = (size(here) + size(there) if is_speed else here + there) * 0.5
         return self.sizes(middle, inputs)
 
     def drive_after(self, drive: Column, span: Number) -> Column:
@@ -242,9 +242,9 @@ class FrictionMode:
         stop = -1.0 / pivot.pop(column)
         for i, row in enumerate(rows):
             if i != friction.row and column in row:
-                share = where(still, row[column] * stop, 0.0)
+                factor = where(still, row[column] * stop, 0.0)
                 for k, entry in pivot.items():
-                    row[k] = multiply_add(share, entry, row.get(k))
+                    row[k] = multiply_add(factor, entry, row.get(k))
         for k in pivot:
             rows[friction.row][k] = where(still, 0.0, rows[friction.row][k])
         if friction.angle is not None:

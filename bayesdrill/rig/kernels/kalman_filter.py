@@ -14,8 +14,8 @@ k = P c' / S,
     update       x <- x + k e       P <- P - k c P
     prediction   x <- Phi x         P <- Phi P Phi' + Q
 
-Once the covariance is steady, only a gap or another step changes it.  The smoother goes back by
-adjoints (Bryson and Frazier 1963; Bierman 1973), without inverting a covariance:
+Once the covariance is steady, only a gap or another step length changes it.  The smoother runs
+backwards by adjoints (Bryson and Frazier 1963; Bierman 1973), without inverting a covariance:
 
     r <- Phi' r      r <- r + c' (e / S - k' r)  channel by channel      x + P r  is the smoothed state
 """
@@ -186,7 +186,7 @@ def _moved(
 def _emit_series(
     memory: Numbers, timed: dict[tuple[int, int], Number], n: int, phi: ir.Value
 ) -> None:
-    """Store the exponential of the timed entries, a column at a time."""
+    """Store the exponential of a matrix with the entries `timed`, a column at a time."""
     b = memory.b
     memory.clear(phi, n * n)
     for i in range(n):
@@ -315,7 +315,7 @@ STEADY_TOLERANCE = 1e-13  # relative change of a variance below which the covari
 STEADY_SLOPE_TOLERANCE = 1e-10  # the same for the slope, relative to |slope| + variance
 
 # G groups, T samples, M step lengths. If `lead` is 1, the start is before the first sample, and the
-# last step leads from the start to this sample.
+# last of the M steps leads from the start to this sample.
 COUNTS = ("groups", "samples", "steps", "lead")
 BLOCKS = {
     "parameters": VECTORS,  # (G, P) numbers

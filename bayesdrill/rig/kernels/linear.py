@@ -208,7 +208,7 @@ class _Writer:
             add_tile([last], [last])
 
     def _whiten(self, plane: ir.Value, first: ir.Value, rows: ir.Value) -> None:
-        """Replace channels in a plane by whitened residuals, or their slopes by those of residuals.
+        """Whiten a plane: channels become whitened residuals, slopes those of whitened residuals.
 
         With three weights s, the residual r_j becomes s_0 r_j - s_1 r_i, where i is the observed
         sample before j.  The first residual r of a channel becomes s_2 r.
@@ -233,7 +233,7 @@ class _Writer:
     def _white(
         self, sample: ir.Value, k: int, scales: Values, residual: ir.Value, last: ir.Value
     ) -> Values:
-        """Return the whitened residual, and the residual itself, the `last` of the next sample."""
+        """Return the whitened residual, and the residual, which is `last` for the next sample."""
         b = self.b
         later = b.fsub(b.fmul(residual, scales[0]), b.fmul(last, scales[1]))
         white = self.record.unless_first(sample, k, [later], [b.fmul(residual, scales[2])])
@@ -269,7 +269,7 @@ class _Walker:
         self.rows = self._rows()
 
     def numbers(self, name: str) -> list[Number]:
-        """Load the numbers of a part, see `LinearShape.parts`."""
+        """Load the numbers of a part, see `LinearShape.part_sizes`."""
         sizes = self.shape.part_sizes
         first = sum([*sizes.values()][: [*sizes].index(name)])
         values, *slopes = [
@@ -310,8 +310,8 @@ class _Walker:
             span = number(b, a["spans"], 0)
             self.late_rows, self.offsets = {}, {}
             for k in self.late:
-                self.offsets[k], share = self._split(delay[k], span)
-                self.late_rows[k] = self._late_row(k, share)
+                self.offsets[k], excess = self._split(delay[k], span)
+                self.late_rows[k] = self._late_row(k, excess)
 
     def _split(self, delay: Number, step: Vector) -> tuple[ir.Value, Number]:
         """Return a delay as a number of steps, rounded up, and the time by which the steps exceed it."""
@@ -377,7 +377,7 @@ class _Walker:
         return [x for part in self.parts for x in registers[part * self.x :][: self.x]]
 
     def _completed(self, registers: Values, row: ir.Value) -> State:
-        """Rebuild the state from the registers of `_advanced`; the trace has the rest in this row."""
+        """Rebuild the state from the registers of `_advanced`, with a row of the trace if needed."""
         if len(self.parts) < self.kind.width:
             at = self.b.offset(self.w.trace, row, self.x)
             if self.parts == VALUES:

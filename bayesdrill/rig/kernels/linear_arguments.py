@@ -12,11 +12,11 @@ from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.kernels.transitions import MAX_RUNGS, table_entries
 
 # G groups of LANES walkers; T samples; N knots (the samples, and times after the last); q
-# directions; `nodes` are entries of the table. `high` is the number of ladder rungs of at least its
-# width, or -1 if all spans are in the table. `stored` is 1 if signals are stored, else 0.
+# directions; `nodes` are entries of the table. `high` is the number of ladder rungs that span at least
+# the width, or -1 if all spans are in the table. `stored` is 1 if signals are stored, else 0.
 COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
 BLOCKS = {
-    "own": VECTORS,  # (G, numbers in `LinearShape.parts`, then `LinearShape.weights` numbers)
+    "own": VECTORS,  # (G, numbers in `LinearShape.part_sizes`, then `LinearShape.weights` numbers)
     "along": VECTORS,  # (G, q, `LinearShape.with_slopes`): slopes of the first numbers of `own`
     "numbers": NUMBERS,  # width of the ladder; constant inputs
     "spans": NUMBERS,  # span of each node
@@ -41,11 +41,11 @@ JOINED = 4  # samples per step of large matrices; a divisor of ROWS
 class LinearShape:
     """A kernel is specialised for this structure of a record.
 
-    `rows (K, X)` says which states a channel shows; their weights, and offsets, differ between
-    walkers. `is_delayed (K,)` says which channels are late. `uneven` says that steps differ, or that
-    there is no step. The kernel computes the sums of a `tally` or, without one, normal equations,
-    for which numbers have slopes. Kernels of `SQUARES` and of normal equations can store signals
-    instead. `sensed` says that starts and rows have slopes, never needed with perfect sensors.
+    `rows (K, X)` says which states a channel shows; weights of these states, and offsets, may differ
+    between walkers. `is_delayed (K,)` says which channels are late. `uneven` says that steps differ,
+    or that there is no step. The kernel computes the sums of a `tally` or, without one, normal
+    equations, for which numbers have slopes. Kernels of `SQUARES` and of normal equations can store
+    signals instead. `sensed` says that starts and rows have slopes; perfect sensors have none.
     """
 
     layout: Layout
@@ -75,7 +75,7 @@ class LinearShape:
 
     @property
     def samples_per_step(self) -> int:
-        """Return the samples per step; large matrices are faster with several samples at once."""
+        """Return the number of samples per step; large matrices are faster with several samples."""
         plain = self.layout.large and not (self.uneven or any(self.is_delayed))
         return JOINED if plain else 1
 

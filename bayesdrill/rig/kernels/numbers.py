@@ -118,7 +118,7 @@ def sum_products(
 ) -> Number:
     """Return `start` plus the sum of products, as two partial sums that run in parallel.
 
-    If not `halved`, it takes fewer registers, which is faster where other work fills the pipelines.
+    If not `halved`, one sum takes fewer registers: faster where other work fills the pipelines.
     """
     half = (len(terms) + 1) // 2 if halved else len(terms)
     first = start
@@ -229,7 +229,7 @@ def product(left: Matrix, right: Matrix) -> Matrix:
 
 
 def plus(matrix: Matrix, number: Number) -> Matrix:
-    """Return a matrix and a number times the unit matrix."""
+    """Return a matrix plus a number times the unit matrix."""
     return [
         [entry + number if i == j else entry for j, entry in enumerate(row)]
         for i, row in enumerate(matrix)
@@ -373,7 +373,7 @@ def decompose(b: Builder, out: ir.Value, a: ir.Value, determinant: ir.Value, n: 
     """Store L and U with L U = a (n, n) in one matrix, and the determinant.
 
     The diagonal of L, all ones, is not stored, and that of U is stored inverted.  There is no
-    pivoting: the matrices are one plus a product of two covariances, which do not need it.
+    pivoting: a is 1 plus a product of two positive semidefinite matrices, and does not need it.
     """
     entries = {(i, j): Vector(b, b.read(a, i * n + j)) for i in range(n) for j in range(n)}
     total = Vector(b, vector(1.0))

@@ -93,8 +93,8 @@ class RestState:
 class ReversalStep:
     """A step with events is one in which speeds may cross zero, and frictions may stick or slip.
 
-    It is divided into `n_parts` parts, each a `step` over a `fraction` of the whole. Over the
-    whole step a fast state, such as a current, may be far from the straight line that is assumed.
+    It is divided into `n_parts` parts, each a `step` over a `fraction` of the whole. A fast state,
+    such as a current, is nearer to the assumed straight line over a part than over the whole step.
     """
 
     step: Step
@@ -138,7 +138,7 @@ class ReversalStep:
         """Return the result of one part, as `advance` does for the whole step."""
         step, state, drive, inputs = self.step, now.state, now.drive, now.inputs
         rest_sizes = step.rest_sizes(state, inputs)
-        sizes = [*rest_sizes]  # past sizes are of one direction; unused if the two sizes differ
+        sizes = [*rest_sizes]  # a past size has one direction; it is not used if directions differ
         for e, magnitude in zip(step.varying, now.history.sizes, strict=True):
             if not sizes[e].differ:
                 sizes[e] = Sizes(magnitude, magnitude)
@@ -207,11 +207,11 @@ class ReversalStep:
         turned = where(keeps, most, ahead)
 
         def reversed_effort() -> list[Number]:
-            share = rate / against  # fraction of the step before the crossing
+            before = rate / against  # fraction of the step before the crossing
             if not sizes.differ:
-                return [most * (share * 2.0 - 1.0)]
+                return [most * (before * 2.0 - 1.0)]
             other = sizes.along(speed, back=True)
-            return [(most + other) * share - other]
+            return [(most + other) * before - other]
 
         (turned,) = self.step.kind.select_if_any(passes.without(keeps), [turned], reversed_effort)
         return where(back, -turned, turned), keeps.either(passes)
@@ -233,10 +233,10 @@ class ReversalStep:
             # The required effort is two straight lines in time: first to middle, then to last.
             middle = (mean * 6.0 - first - last) * 0.25
             halves = [_excess(*ends, held) for ends in ((first, middle), (middle, last))]
-            share = (halves[0][0] + halves[1][0]) * 0.5
+            fraction = (halves[0][0] + halves[1][0]) * 0.5
             driving = (halves[0][1] + halves[1][1]) * 0.5
             bent = mean - (first + middle * 2.0 + last) * 0.25
-            return [mean - driving - share * (held - most + bent)]
+            return [mean - driving - fraction * (held - most + bent)]
 
         (turned,) = self.step.kind.select_if_any(slips, [mean], slipping)
         return where(back, -turned, turned), slips
@@ -269,11 +269,11 @@ class ReversalStep:
 def _excess(first: Number, last: Number, limit: Number) -> tuple[Number, Number]:
     """Return the fraction of a straight line above a limit, and the mean of max(line - limit, 0)."""
     begins, ends, rises = above(first, limit), above(last, limit), above(last, first)
-    far, near = where(rises, last, first), where(rises, first, last)
+    high, low = where(rises, last, first), where(rises, first, last)
     crosses = begins.either(ends).without(begins.both(ends))
-    share = where(crosses, (far - limit) / (far - near), where(begins, 1.0, 0.0))
-    over = where(begins.both(ends), (first + last) * 0.5 - limit, share * (far - limit) * 0.5)
-    return share, over
+    fraction = where(crosses, (high - limit) / (high - low), where(begins, 1.0, 0.0))
+    excess = where(begins.both(ends), (first + last) * 0.5 - limit, fraction * (high - limit) * 0.5)
+    return fraction, excess
 
 
 SETTLED_EXPONENT = 18.0  # a size is constant once exp(-18) = 2e-8 of its excess at rest remains
@@ -284,9 +284,9 @@ def advance_stride(
 ) -> list[Number]:
     """Return the numbers that are carried to the next sample.
 
-    `mode` is that of a long step from sample to sample. A lane takes the long step if it is `wanted`
-    and all frictions of the lane slip far from any event. The code of `steps` runs only if there are
-    other lanes, which take these steps.
+    `mode` is that of a long step from sample to sample. A lane takes the long step if `wanted` is
+    true and all frictions of the lane slip far from any event. All other lanes take `steps`, whose
+    code runs only if there are such lanes.
     """
     step, state, past, directions = mode.step, now.state, now.history, mode.directions()
 
@@ -329,7 +329,7 @@ def _decay_terms(step: Step, state: Sequence[Number]) -> Iterator[tuple[Number, 
 def _near_zero(
     step: Step, state: Sequence[Number], new: Sequence[Number], directions: Sequence[Vector]
 ) -> Iterator[Mask]:
-    """Return where a speed may cross zero: its change exceeds its magnitude at an end of the step."""
+    """Yield lanes in which a speed may cross zero: it changes by more than its size at either end."""
     for friction, direction in zip(step.frictions, directions, strict=True):
         change = size(new[friction.row] - state[friction.row])
         for end in (state, new):

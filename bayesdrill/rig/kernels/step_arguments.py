@@ -29,7 +29,7 @@ BLOCKS = {
     "own": VECTORS,  # (G, vectors of `walker_blocks`): the numbers of each walker
     "u": NUMBERS,  # (N + 1, S or 2 S) inputs and slopes, with a margin before and after
     "pieces": WHOLE,  # (T,) number of steps to the next sample
-    "usual": WHOLE,  # (T,) 1 if `pieces` is the usual number of steps, and several
+    "usual": WHOLE,  # (T,) 1 if `pieces` is the usual number of steps, and this is above 1
     "t": NUMBERS,  # (T,) times of samples, in steps from the first node
     "y": NUMBERS,  # (T, K)
     "begin": WHOLE,  # (K,) first observed sample of each channel

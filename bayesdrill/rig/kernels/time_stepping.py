@@ -89,9 +89,8 @@ class Writer:
         ]
         self.step = self._step(whole, self.span)
         self.mode = self._friction_mode(self.step)
-        self.stride: FrictionMode | None = (
-            None  # the mode of a long step from sample to sample, if possible
-        )
+        # The mode of a long step from sample to sample, if possible.
+        self.stride: FrictionMode | None = None
         for matrix in stride:
             span = number(b, self.a["numbers"], 1)
             self._exponential(span, matrix)
@@ -186,7 +185,7 @@ class Writer:
         self.kind.replace_if_any(changed, [], entered)
 
     def _corrected(self, now: StepStart) -> StepStart:
-        """Return the start of a step with the servo's mean voltage, whose loop may open or close."""
+        """Return the start of a step with the mean voltage of a servo whose loop may open or close."""
         assert self.servo is not None
         servo, step, x = self.servo, self.step, self.x_count
         if step.frictions:
@@ -244,7 +243,7 @@ class Writer:
     def drive(
         self, node: Integer, state: Sequence[Number]
     ) -> tuple[dict[int, Number], dict[str, Number]]:
-        """Return the drives of the step after a node by column, and the inputs in its middle by name.
+        """Return drives by column, and inputs in the middle by name, for the step after a node.
 
         Gravity is evaluated at the angle in the middle of the step, extrapolated with the speed.
         """
@@ -297,13 +296,13 @@ class Writer:
             index = b.add(b.mul(node, count), k)
             return Vector(b, b.shared(self.a["u"], index))
         late = shape.delayed_series.index(name)
-        share = self.walker_numbers("share")[late]
+        fraction = self.walker_numbers("share")[late]
         behind = b.fptosi(b.read(self.walker["behind"], late), INT_VEC)
         row = b.mul(b.sub(b.splat(node), behind), count)
         here, earlier = (
             Vector(b, b.gather(self.a["u"], b.add(row, k - back))) for back in (0, count)
         )
-        return here + (earlier - here) * share
+        return here + (earlier - here) * fraction
 
     def start(self) -> list[ir.Value]:
         """Return the numbers carried from step to step: state and, if sizes vary, history."""
@@ -422,7 +421,7 @@ class Writer:
         efforts: Sequence[Number],
         totals: list[ir.Value],
     ) -> list[ir.Value]:
-        """Return the new sums, or store signals."""
+        """Return the sums with one more sample, or store the signals at the sample."""
         b, shape = self.b, self.shape
 
         def store() -> None:
@@ -471,7 +470,7 @@ class Writer:
         b.write_row(self.kind.flat([value]), b.offset(self.a["out"], index))
 
 
-TRACE_VALUES = 3  # the value; step times rate after the node, and before the next node
+TRACE_VALUES = 3  # value at a node; span times rate after this node, and before the next node
 
 
 def emit_trace(w: Writer) -> None:
@@ -543,14 +542,14 @@ def _read(w: Writer, k: int, when: Number, begin: Number) -> Number:
     node = b.floor(position)
     node = b.select(b.fcmp_ordered("<", node, last), node, last)
     node = b.select(b.fcmp_ordered(">", node, vector(0.0)), node, vector(0.0))
-    share = when - Vector(b, node)
+    fraction = when - Vector(b, node)
     value, after, before = (_load_entries(w, node, k, q) for q in range(TRACE_VALUES))
     rise = _load_entries(w, b.fadd(node, vector(1.0)), k, 0) - value
     bend = rise * 3.0 - after * 2.0 - before
     turn = after + before - rise * 2.0
-    between = value + share * (after + share * (bend + share * turn))
+    between = value + fraction * (after + fraction * (bend + fraction * turn))
     early = Mask(b, b.fcmp_ordered("<", position, vector(0.0)))
-    return where(early, value + share * begin, between)
+    return where(early, value + fraction * begin, between)
 
 
 def _load_entries(w: Writer, node: ir.Value, k: int, q: int) -> Number:

@@ -4,7 +4,7 @@ The distinct steps of a record have a table of matrix exponentials.  A span that
 is a ratio times a `width`.  Its exponential acts on a state by a ladder, whose rungs are
 exponentials over ..., 4, 2, 1, 1/2, 1/4, ... widths: each 1 in the binary digits of the ratio takes
 a product with a rung.  A Taylor series of few terms covers the span that remains after the last
-rung.  The number of rungs below the width that a lane needs follows from the norm of its matrix.
+rung.  The larger the norm of a lane's matrix, the more rungs shorter than the width the lane needs.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from bayesdrill.rig.kernels.numbers import (
 MAX_SERIES_DEGREE = 14
 MAX_SERIES_NORM = 0.3  # largest norm times span for which a series is used
 SERIES_TAIL = 1e-16  # truncation error of a series, relative to the state
-MAX_HALVINGS = 50  # upper limit for the width: shorter spans are lost in the rounding of times
+MAX_HALVINGS = 50  # largest number of halvings of the width: shorter spans are lost in rounding
 MAX_RUNGS = 60 + MAX_HALVINGS
 LEAST_NORM = 1e-3  # smallest norm times width; a smaller product is raised to this
 MAX_NORM = 1e100  # largest norm; a lane with a larger one has overflowed
@@ -178,7 +178,7 @@ class Transitions:
         if self.layout.large:
             return lambda state, drive: self._multiply_large(at, state, drive)
         phi = {entry: self.kind.get(at, n) for n, entry in enumerate(table_entries(self.layout))}
-        # Nothing depends on an idle state: its entry is the constant one.
+        # No rate depends on an idle state, so its entry on the diagonal is the constant 1.
         unity = Vector(self.b, vector(1.0))
         idle = self.layout.is_zero_column
         phi |= {(i, i): unity for i in range(self.layout.n_states) if idle[i]}
@@ -245,7 +245,7 @@ class Transitions:
 
     @cached_property
     def _constant_rates(self) -> set[tuple[int, int]]:
-        """Return (row, column) of those entries that depend on no parameter and have no slope."""
+        """Return those `_rate_entries` that depend on no parameter and thus have no slope."""
         entries = self.layout.entries([Dual(1.0, 1.0)] * self.layout.n_numbers)
         depends = {(row, column) for row, column, value in entries if isinstance(value, Dual)}
         return {*self._rate_entries} - depends
@@ -290,13 +290,13 @@ class Transitions:
             b.store(each, b.offset(ladder.counts, place))
         e = self.kind.room(self.layout.size**2)
         with b.if_then(b.icmp_signed(">", rungs, 0)), b.loop(rungs, "rungs") as rung:
-            self.exponentiate(self.width * Vector(b, self._rung_share(rung)), e)
+            self.exponentiate(self.width * Vector(b, self._rung_ratio(rung)), e)
             self.store(e, self.rungs, rung)
 
     def _store_weights(self, size: ir.Value, degree: ir.Value) -> ir.Value:
         """Store weights 1/k up to the degree of each lane, then 0; return degrees of at least `degree`.
 
-        With its degree a series in a number up to `size` neglects about `SERIES_TAIL` of the state.
+        The truncated series of exp(x) for x <= `size` lacks about `SERIES_TAIL` of the state.
         """
         b = self.b
         for k in range(1, MAX_SERIES_DEGREE):
@@ -309,7 +309,7 @@ class Transitions:
             b.write(b.select(wanted, vector(1 / k), vector(0.0)), self._ladder.weights, k)
         return degree
 
-    def _rung_share(self, rung: ir.Value) -> ir.Value:
+    def _rung_ratio(self, rung: ir.Value) -> ir.Value:
         """Return the span of a rung divided by the width: 2^(high - 1 - rung)."""
         high = self.b.load(self.b.offset(self._ladder.counts, 1))
         exponent = self.b.add(self.b.sub(high, rung), 1023 - 1)
@@ -319,7 +319,7 @@ class Transitions:
         """Return state and drive after a span of `ratio` times the width."""
         b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
         _, high, rungs = (b.load(b.offset(ladder.counts, place)) for place in range(3))
-        # Inputs are numbers with slopes only if the ratio is.
+        # Inputs are numbers with slopes only if the ratio is one.
         plain = Numbers(b, isinstance(ratio, Dual))
 
         def flat(numbers: State) -> Values:
@@ -339,21 +339,21 @@ class Transitions:
         more = b.sub(rungs, above)
         with b.if_then(b.icmp_signed(">", more, 0)), b.loop(more, "ladder") as step:
             rung = b.add(above, step)
-            *old, left = shaped(b.read_slots(slots))
-            share = Vector(b, self._rung_share(rung))
-            taken = b.fcmp_ordered(">=", dual(left).value.value, share.value)
+            *old, remaining = shaped(b.read_slots(slots))
+            rung_ratio = Vector(b, self._rung_ratio(rung))
+            taken = b.fcmp_ordered(">=", dual(remaining).value.value, rung_ratio.value)
             depth = b.load(ladder.halvings)
             reached = b.icmp_signed("<", b.splat(b.sub(rung, high)), depth)
             taken = b.and_(taken, reached)
             with b.if_then(b.anywhere(taken)):
                 here = InputHold(old[x:], drive.slopes)
                 new = self.step(self.rungs, rung)(old[:x], here)
-                new += here.later(share * self.width).inputs
-                pairs = zip([*new, left - share], [*old, left], strict=True)
+                new += here.later(rung_ratio * self.width).inputs
+                pairs = zip([*new, remaining - rung_ratio], [*old, remaining], strict=True)
                 b.write_slots(flat([where(Mask(b, taken), *pair) for pair in pairs]), slots)
-        *moved, left = shaped(b.read_slots(slots))
+        *moved, remaining = shaped(b.read_slots(slots))
         state, drive = moved[:x], InputHold(moved[x:], drive.slopes)
-        return self._series(left, state, drive), drive.later(left * self.width)
+        return self._series(remaining, state, drive), drive.later(remaining * self.width)
 
     def _series(self, ratio: Number, state: State, drive: InputHold) -> State:
         """Return the state after a span of `ratio` times the width, by a Taylor series.

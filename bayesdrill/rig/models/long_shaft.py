@@ -37,7 +37,7 @@ Elements = Annotated[
 
 
 def _declared() -> tuple[Symbol, ...]:
-    """Return the symbols of the inner nodes, without rad: turning the whole rig changes none of them."""
+    """Return the symbols of the inner nodes, whose units exclude them from `Model.angles`."""
     what = "of the shaft at an inner node, minus that of a straight line between its ends"
     nodes = range(1, MAX_ELEMENTS)
     return (

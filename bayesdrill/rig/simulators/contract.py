@@ -33,7 +33,7 @@ class Motion:
     efforts: Array
 
 
-REVERSAL_SUBSTEPS = 4  # parts of a step; 2 have several times the error, 8 about the same
+REVERSAL_SUBSTEPS = 4  # parts of a step with an event; 2 have a far larger error, 8 a similar one
 
 
 class Stepping(NamedTuple):
@@ -148,10 +148,10 @@ class Simulator(ABC):
         return log_sums(self.sums(full, LOGS, weights[..., None]))
 
     def intervals(self, full: Array, inverse_sds: Array, half: Array) -> Array:
-        """Return sums `(W, K)` of log P(|z - over * residual| < half) for a standard normal z.
+        """Return sums `(W, K)` of log P(|z - residual / sd| < `half`) for a standard normal z.
 
-        `inverse_sds (W, K)` is 1 / sd, and `half (W, K)` half the width of the interval divided by the
-        sd, at least 0.2.
+        `inverse_sds (W, K)` is 1 / sd. `half (W, K)` is half the width of the interval divided by sd,
+        at least 0.2.
         """
         totals = self.sums(full, INTERVALS, np.stack([inverse_sds, half], axis=-1))
         return np.asarray(log_sums(totals[..., :3]) + totals[..., 3])
@@ -256,7 +256,7 @@ def first_observed(y: Array) -> Indices:
 
 
 def aligned(scratch: Array) -> int:
-    """Return the first address in `scratch` that begins a cache line, as vectors across two are slow."""
+    """Return the first address in `scratch` that begins a cache line: vectors in two lines are slow."""
     start = address(scratch)
     return start + -start % 64
 

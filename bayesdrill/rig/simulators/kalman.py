@@ -175,8 +175,8 @@ class KalmanFilter:
         """
         sizes, changes = sigmas
         variances = [sizes**2, 2.0 * sizes * changes]
-        rests = [self._filled(pair) for pair in residuals]
-        filtered = self._run("slopes", list(parameters), variances, rests, 4)
+        filled = [self._filled(pair) for pair in residuals]
+        filtered = self._run("slopes", list(parameters), variances, filled, 4)
         return filtered[..., 0], filtered[..., 1], filtered[..., 2], filtered[..., 3]
 
     def smooth(self, parameters: Array, sigmas: Array, residuals: Array) -> Array:

@@ -1,7 +1,7 @@
 """Compute the inputs of a long record and the response of a rig to them, part by part.
 
 A response in extended precision (80 bits if the platform has them) is the reference for responses at
-other parameters. In double precision, it replaces a kernel that needs memory for eight walkers at once.
+other parameters. In double precision, the same code replaces a kernel that would need too much memory.
 """
 
 from __future__ import annotations

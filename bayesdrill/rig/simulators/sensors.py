@@ -200,8 +200,8 @@ class SensorParameters:
     def knots(self) -> tuple[Array, dict[str, Array]]:
         """Return the times of start and samples, and the sampled inputs at these times.
 
-        Steps that are nearly equal become equal. At an earlier start, inputs have their values at
-        the first sample.
+        Steps that are nearly equal become equal. Inputs at an earlier start are those at the first
+        sample.
         """
         experiment = self.experiment
         t = np.asarray(experiment.t)

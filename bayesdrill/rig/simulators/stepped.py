@@ -83,9 +83,9 @@ class Stepped(Simulator):
         with np.errstate(all="ignore"):
             nodes = self._run(self._nodes, full, efforts=True)
         states, efforts = np.split(nodes, [len(self.model.states)], axis=2)
-        last, share = self._grid.locate(self.experiment.t)
-        share = share[None, :, None]
-        states = states[:, last] * (1 - share) + states[:, last + 1] * share
+        last, fraction = self._grid.locate(self.experiment.t)
+        fraction = fraction[None, :, None]
+        states = states[:, last] * (1 - fraction) + states[:, last + 1] * fraction
         return Motion(states=states, efforts=efforts[:, last])
 
     # Arguments of the kernels.

@@ -126,21 +126,21 @@ def _in_cells(t: Array, at: Whole, pieces: Whole, median: float, tolerance: floa
     while _cost(_cells(steps[free], width / WIDTH_RATIO)) <= most:
         width /= WIDTH_RATIO
     cells, sizes = _cells(steps[free], width), np.unique(pieces[~free])
-    share, node = np.full(len(t), -1.0), np.zeros(len(steps), np.int64)
+    excess, node = np.full(len(t), -1.0), np.zeros(len(steps), np.int64)
     inside = np.floor(steps[free] / width).astype(np.int64)
     node[free] = np.searchsorted(cells, inside)
-    share[:-1][free] = np.clip(steps[free] / width - inside, 0.0, BELOW_ONE)
+    excess[:-1][free] = np.clip(steps[free] / width - inside, 0.0, BELOW_ONE)
     node[~free] = len(cells) + np.searchsorted(sizes, pieces[~free])
     none = np.zeros(len(sizes))
     return replace(
         _grid(t, at, node, np.concatenate([cells * width, sizes * median]), median, tolerance),
-        excess=share, width=width, uniform=False,
+        excess=excess, width=width, uniform=False,
         is_chained=np.concatenate([[0], np.diff(cells) == 1, none]).astype(np.int64),
     )  # fmt: skip
 
 
 def _cells(steps: Array, width: float) -> Whole:
-    """Return the indices of the cells of a `width` that contain steps."""
+    """Return each index k for which a step is in cell k: between k and k + 1 times `width`."""
     return np.unique(np.floor(steps / width).astype(np.int64))
 
 
@@ -168,7 +168,7 @@ NODE_TOLERANCE = 1e-9  # in steps: a lag this close to a whole number of steps i
 
 
 class UniformGrid:
-    """The nodes begin at the first of `t (T,)` and are `span` apart, the median step / `pieces`.
+    """The nodes begin at the first time `t (T,)` and are `span` apart, the median step / `pieces`.
 
     Inputs `series`, each `(T,)`, are interpolated between samples (`first_order`) or held. For each
     step, an interpolated input has its value at the beginning and a slope, a held input its mean.
@@ -216,8 +216,8 @@ class UniformGrid:
     def locate(self, t: Array) -> tuple[Whole, Array]:
         """Return the node before each time, and the fraction of a step from this node to the time."""
         places = (t - self._t[0]) / self.span
-        near = np.round(places)
-        places = np.where(np.abs(places - near) < 1e-6, near, places)
+        rounded = np.round(places)
+        places = np.where(np.abs(places - rounded) < 1e-6, rounded, places)
         last = np.clip(np.floor(places), 0, self.nodes - 1).astype(np.int64)
         return last, places - last
 
@@ -274,8 +274,8 @@ class UniformGrid:
             at = np.array([np.interp(nodes, t, u) for u in self._series]).T
             return np.concatenate([at[:-1], np.diff(at, axis=0) / self.span], axis=1)
         if self.aligned:
-            near = np.searchsorted(t, nodes[:-1] + 0.5 * self.span, side="right") - 1
-            return np.array([u[near] for u in self._series]).T
+            at = np.searchsorted(t, nodes[:-1] + 0.5 * self.span, side="right") - 1
+            return np.array([u[at] for u in self._series]).T
         return np.array([_means(nodes, t, u) for u in self._series]).T
 
     @property
