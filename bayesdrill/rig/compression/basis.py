@@ -21,7 +21,7 @@ from bayesdrill.rig.compression.basis_kernel import PAIR, REAL, ROUNDS, ROWS, Po
 
 BLOCK = 1 << 14  # samples that are filtered at a time
 ROWS_AT_ONCE = 16  # (rows per QR decomposition) / columns: so few that they fit into the cache
-MAX_ORDER = 30  # largest order of a pole; with more functions the exact response costs less
+MAX_ORDER = 30  # largest `Pole.order`; with more functions the exact response costs less
 MAX_SHARED = 1e-9  # largest effect of an integrator on rates, relative to that of other states
 NEARLY_ONE = 0.3  # relative distance of real modes below which they are treated as a pair
 LEAST_TURN = 0.25  # least rotation or shear of a pair / min(its decay, its distance from -1)

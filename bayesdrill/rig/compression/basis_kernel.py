@@ -1,14 +1,14 @@
 """Expand the response of a linear rig in orthonormal rational functions, and differentiate it.
 
 The poles of the functions are near those of the rig (Takenaka 1925, Malmquist 1926; for complex
-pairs Kautz 1954).  For a pole a and any pole l of a rig
+pairs Kautz 1954).  For a pole a of the functions and any pole l of a rig
 
     1 / (z - l) = (1 - a^2) / ((z - a) (1 - a l)) + (1 - a z) / (z - a) (l - a) / (1 - a l) / (z - l)
 
 The last term is again the response 1 / (z - l), to an input that has passed an all-pass.  It is
-smaller by the factor |l - a| / |1 - a l|.  The code has the matrix F = Phi - 1 of a walker in place
-of l - 1.  So it needs no eigenvalues, and poles may coincide.  The remainder after the last
-function has a bound.  Formulas use F and not Phi, which saves digits at a high sampling rate.
+smaller by the factor |l - a| / |1 - a l|.  In place of l - 1, the code has the matrix F = Phi - 1 of
+a walker (a set of parameters).  So it needs no eigenvalues, and poles may coincide.  The remainder
+after the last function has a bound.  F instead of Phi saves digits at a high sampling rate.
 """
 
 from __future__ import annotations
@@ -250,8 +250,7 @@ class BasisExpansion:
     def add_source(self, column: ir.Value, drive: list[Number], size: Number) -> ir.Value:
         """Store the coefficients of a source from `column` on; return the next column.
 
-        `drive (X,)` is its effect on the states. `size` is its norm over all samples, for the
-        `errors`.
+        `drive (X,)` is the source's effect on the states, and `size` its norm over all samples.
         """
         d, modes = self.shape.integrators, applied(self.frame.duals, drive)
         for n in range(d):
@@ -290,7 +289,7 @@ class BasisExpansion:
         return [self.entry(i, x + 1 + layout.n_series + s) for i in range(x)]
 
     def _store_matrices(self, fall: Matrix) -> None:
-        """Store for each pole the matrices of its functions, see the docstring of the module."""
+        """Store for each pole the matrices of its functions, see `PoleNumbers`."""
         square = product(fall, fall) if PAIR in self.shape.poles else []
         powers = [[*zip(*rows, strict=True)] for rows in zip(fall, square or fall, strict=True)]
         for index, size in enumerate(self.shape.poles):

@@ -1,8 +1,8 @@
 """Simulate a linear rig by the QR triangle R of a record, in a time independent of its length.
 
 `CompressedSimulator` computes sums of squares and their normal equations from the record's triangle
-(`basis`) for each walker whose truncation bound is small enough. For other walkers, and for all other
-results, it calls the exact simulator.
+(`basis`) for each walker (set of parameters) whose truncation bound is small enough. For other walkers,
+and for all other results, it calls the exact simulator.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ class CompressedSimulator(Simulator):
         sums, sizes = np.split(numbers, [self._k * self._shape.sums], axis=1)
         sums = sums.reshape(-1, self._k, self._shape.sums)
         with np.errstate(all="ignore"):
-            # Sum 2 is that of squared increments, and an increment has the errors of two samples.
+            # The second sum is of squared increments, and an increment has the errors of two samples.
             sizes = sizes[..., None] * np.array([1.0, 2.0, 1.0])[: self._shape.sums]
             return sums, 2.0 * np.sqrt(sums) * sizes + sizes**2
 

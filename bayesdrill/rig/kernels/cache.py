@@ -118,7 +118,7 @@ class CodeCache:
 
 
 def user_cache(environment: Mapping[str, str] = os.environ) -> CodeCache:
-    """Return the user's cache, in the folder of the environment variable or else of the system."""
+    """Return the cache in the folder that `CACHE_VARIABLE` names, or else in the system's folder."""
     named = environment.get(CACHE_VARIABLE, "")
     if named.lower() in (CACHE_OFF, "0"):
         return CodeCache(None)

@@ -44,14 +44,14 @@ from bayesdrill.rig.models.linear import Model
 Entries = Callable[[Sequence[Any]], Sequence[tuple[int, int, Any]]]
 Pattern = tuple[tuple[bool, ...], ...]
 Registers = dict[tuple[int, int], ir.Value]  # entries by (row, column)
-MOST_WRITTEN_OUT = 10  # largest number of states whose products are unrolled
+MOST_WRITTEN_OUT = 10  # largest number of states for which matrix products are unrolled
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
     """The layout describes the augmented N x N matrix of a rig, for which kernels are specialised.
 
-    `entries(numbers)` returns (row, column, value) of the entries; values at one place are added.
+    `entries(numbers)` returns (row, column, value) of the entries; values of one entry are added.
     The numbers are `n_parameters` parameters, then `n_constants` constant inputs. The columns are X
     states, the constant 1, `n_series` sampled inputs and, for a first-order hold, their slopes.
     """
@@ -229,7 +229,7 @@ def store_exponential(
     increments: bool,
     beside_one: bool = True,
 ) -> None:
-    """Store the exponential e `(N, N)` of the augmented matrix; each lane has its own span.
+    """Store the exponential e `(N, N)` of the augmented matrix; each lane (walker) has its span.
 
     `numbers` are the address of parameters `(P,)` and the span. For an exponential with slopes, the
     address of the parameters' slopes and the slope of the span follow. With `increments`, the last
@@ -248,7 +248,7 @@ def store_exponential(
         # With increments, the rows of inputs are the same for all spans.
         timed = value if increments and row >= layout.n_states else value * length
         values[row, column] = values.get((row, column), 0.0) + timed
-    # The norm of A is enough: the series of M converges if that of A does.
+    # The norm of the block A of states is enough: the series of M converges if that of A does.
     plain, states = value_registers(values), range(layout.n_states)
     if layout.large:  # balancing saves squarings, which take long for large matrices
         norm = emit_balanced_norm(b, layout.n_states, plain)
@@ -257,7 +257,7 @@ def store_exponential(
     halvings = emit_halvings(b, norm, TAYLOR_NORM)
     factor = Vector(b, emit_power(b, b.sub(_EXPONENT_BIAS, halvings)))
     short = {place: value * factor for place, value in values.items()}
-    # Entries in reach are added in loops: unrolled code would double the time to compile.
+    # Reachable entries are added in loops: unrolled code would double the time to compile.
     places = np.flatnonzero(np.repeat(np.array(layout.reachable), memory.width))
     reached = constant_table(b.module, places.tolist())
     memory.clear(e, n * n)
@@ -378,10 +378,7 @@ def multiply_reached(
     *,
     slopes: bool = False,
 ) -> None:
-    """Store the product of two matrices `(N, N)`, computing only entries in reach.
-
-    Consecutive rows with the same reach are computed in a loop.
-    """
+    """Store the product of two matrices `(N, N)`, only in entries that are `Layout.reachable`."""
     n, reach, memory = layout.size, layout.reachable, Numbers(b, slopes)
     if layout.large:
         multiply_large(b, out, left, right, (n, n, n), slopes=slopes)

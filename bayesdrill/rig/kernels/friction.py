@@ -3,10 +3,13 @@
     x_i+ = rows[i] (x, 1, drive, sizes of varying frictions)
 
 As long as each friction slips in one direction or sticks, the rig is linear: see `FrictionMode`.
+An effort is the torque of a friction, or a voltage drop.  Numbers are vectors, and each lane of a
+vector is one walker (a set of parameters).
+
 A slipping friction of constant size is part of the constant forcing.  A sticking friction has the
 effort that keeps its speed at zero, which is linear in the other states.  So the row of its speed
 is zero, and the row of its angle keeps the angle.  The rows of a mode are kept in memory, as they
-change rarely.
+change rarely.  They follow from the step of the rig with constant efforts f of frictions:
 
     x+ = Phi x + g + Gamma u + Gamma_f f
 
@@ -41,7 +44,7 @@ from bayesdrill.rig.models.friction import DIRECTION, Law
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """The sizes are those of a friction in both directions; if equal, they are one object."""
+    """A friction has an effort of these sizes in both directions; equal sizes are one object."""
 
     forward: Number
     backward: Number
@@ -58,7 +61,7 @@ class Sizes:
 
     @property
     def differ(self) -> bool:
-        """Return whether the sizes of both directions are two numbers."""
+        """Return whether the size depends on the direction."""
         return self.forward is not self.backward
 
     def along(self, speed: Number, *, back: bool = False) -> Number:
@@ -75,7 +78,7 @@ class Sizes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepFriction:
-    """A friction has this effect on the states in a step.
+    """The fields say how one friction acts on the states in a step, and what makes it stick.
 
     `row` is the index of its speed, and `angle` that of its angle. `column` is the effect of a unit
     effort on the states in a step, and `stop_gain` is -1 / column[row]. The effort that keeps the
@@ -124,8 +127,8 @@ class FrictionHistory:
 class Step:
     """A step has the matrix of its transition, and its frictions.
 
-    `rows` give the new states. Their columns are states, 1, drive and, from `first_friction` on,
-    frictions. `slopes` maps the columns of inputs to those of their time derivatives.
+    `rows` times (states, 1, drive, efforts) are the new states; efforts begin at the column
+    `first_friction`. `slopes` maps the columns of inputs to those of their time derivatives.
     """
 
     rows: Rows
@@ -192,7 +195,7 @@ class Step:
 class StepStart:
     """A step starts from a state, a history of frictions and a drive.
 
-    `drive` has values by column. `inputs` has the values in the middle of the step by name.
+    `drive` has values at the start, by column. `inputs` has values in mid-step, by name.
     """
 
     state: list[Number]
@@ -213,7 +216,7 @@ class FrictionMode:
     block: ir.Value
     slots: dict[tuple[int, int], Number] = field(default_factory=dict)
 
-    # Called after a speed has changed its sign.
+    # Methods that are called after a speed has changed its sign.
 
     def set(self, state: Sequence[Number]) -> None:
         """Store the rows for the signs of the speeds in `state`; a speed of zero sticks."""
@@ -264,7 +267,7 @@ class FrictionMode:
                     index += 1
                 self.slots[i, k] = row[k]
 
-    # Called while no speed changes its sign.
+    # Methods that are called while no speed changes its sign.
 
     def directions(self) -> list[Vector]:
         """Load the directions: 1 or -1 where a friction slips, 0 where it sticks."""

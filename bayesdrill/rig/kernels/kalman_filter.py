@@ -1,4 +1,4 @@
-"""Run a Kalman filter sample by sample: for gaps, uneven times, slopes, smoothing and draws.
+"""Run a Kalman filter sample by sample: for gaps, uneven times, derivatives, smoothing and draws.
 
 Over a step h, the state-space model x' = F x + g w with white noise w of intensity q has
 
@@ -130,10 +130,7 @@ def store_transition(
     *,
     slopes: bool,
 ) -> None:
-    """Store Phi (n, n), and Q (n, n) of the process noise, in numbers with or without slopes.
-
-    `span` is the time step of each lane.
-    """
+    """Store Phi (n, n), and Q (n, n) of the process noise, over the time step `span` of each lane."""
     n, memory = system.n, Numbers(b, slopes)
     named = dict(zip(system.model.parameters, memory.row(parameters, system.p), strict=True))
     entries = _entries(system, named)
@@ -312,10 +309,10 @@ def _root(b: Builder, number: Number) -> Number:
 
 
 STEADY_TOLERANCE = 1e-13  # relative change of a variance below which the covariance is steady
-STEADY_SLOPE_TOLERANCE = 1e-10  # the same for the slope, relative to |slope| + variance
+STEADY_SLOPE_TOLERANCE = 1e-10  # the same for its slope (derivative), relative to |slope| + variance
 
-# G groups, T samples, M step lengths. If `lead` is 1, the start is before the first sample, and the
-# last of the M steps leads from the start to this sample.
+# G groups of walkers, T samples, K channels, n states, M step lengths. If `lead` is 1, the start is
+# before the first sample, and the last of the M steps leads from the start to this sample.
 COUNTS = ("groups", "samples", "steps", "lead")
 BLOCKS = {
     "parameters": VECTORS,  # (G, P) numbers
@@ -334,7 +331,7 @@ BLOCKS = {
 
 
 def write_filter(module: Module, system: StateSpace, name: str) -> None:
-    """Write the kernel `name`: `whiten`, `slopes` (whiten with slopes), `smooth` or `draw`.
+    """Write the kernel `name`: `whiten`, `slopes` (whiten with derivatives), `smooth` or `draw`.
 
     Its arguments are COUNTS and the addresses of BLOCKS.
     """

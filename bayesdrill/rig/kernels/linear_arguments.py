@@ -11,9 +11,10 @@ from bayesdrill.rig.kernels.lanes import NUMBERS, VECTORS, WHOLE
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.kernels.transitions import MAX_RUNGS, table_entries
 
-# G groups of LANES walkers; T samples; N knots (the samples, and times after the last); q
-# directions; `nodes` are entries of the table. `high` is the number of ladder rungs that span at least
-# the width, or -1 if all spans are in the table. `stored` is 1 if signals are stored, else 0.
+# G groups of LANES walkers (sets of parameters); T samples; K channels; S sampled inputs; N knots (the
+# samples, and times after the last); q directions of derivatives; `nodes` are entries of the table of
+# exponentials. `high` is the number of ladder rungs that span at least the width, or -1 if all spans
+# are in the table. `stored` is 1 if signals are stored, else 0.
 COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
 BLOCKS = {
     "own": VECTORS,  # (G, numbers in `LinearShape.part_sizes`, then `LinearShape.weights` numbers)
@@ -29,7 +30,7 @@ BLOCKS = {
     "begin": WHOLE,  # (K,) first observed sample of each channel
     "places": WHOLE,  # offset of each part of `SCRATCH`
     "scratch": VECTORS,
-    "out": VECTORS,  # (G, planes, T, K) signals; (G, K, n) sums; (G, K + (1 + q)^2) products
+    "out": VECTORS,  # (G, 1 + q, T, K) signals, slopes; (G, K, n) sums; (G, K + (1 + q)^2) products
 }
 SCRATCH = ("table", "states", "rungs", "planes", "last residuals", "trace")
 SCALES = 3  # scales of a channel's residuals, see `simulators.contract.whitening_scales`
@@ -101,12 +102,12 @@ class LinearShape:
 
     @property
     def with_slopes(self) -> int:
-        """Return how many of the first numbers of `part_sizes` have slopes, in a kernel with slopes."""
+        """Return how many numbers, the first of the parts, have slopes in a kernel with slopes."""
         return sum(self.part_sizes.values()) if self.sensed else self.layout.n_parameters
 
     @property
     def weights(self) -> int:
-        """Return how many numbers follow `part_sizes`: weights of a tally, or scales of residuals."""
+        """Return how many numbers follow the parts: weights of a tally, or scales of residuals."""
         return self.channels * (SCALES if self.tally is None else self.tally.weights)
 
     @property

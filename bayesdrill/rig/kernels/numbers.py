@@ -1,6 +1,7 @@
-"""Define the numbers of kernels, which may have slopes, and small matrices of numbers.
+"""Define the numbers with which kernels compute, and small matrices of such numbers.
 
-A number is one vector, or two vectors: its value, and its slope (a directional derivative).
+A number is a vector, which has a lane for each walker (set of parameters).  In kernels with slopes,
+it is two vectors: a value and a slope (a directional derivative).
 """
 
 from __future__ import annotations
@@ -189,7 +190,7 @@ MIN_RELATIVE_PIVOT = 1e-13  # relative to the diagonal: smaller pivots are round
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """The blocks are one with values and, if numbers have slopes, one with slopes."""
+    """One block of memory has values; if numbers have slopes, a second block has the slopes."""
 
     b: Builder
     bases: tuple[ir.Value, ...]
@@ -299,7 +300,7 @@ def multiply_large(
 
 
 def strips(b: Builder, count: int, size: int) -> Iterator[tuple[Integer, int]]:
-    """Yield begin and size of each strip of `count` rows; all full strips share one loop."""
+    """Divide `count` rows into strips, and yield their first rows and sizes; full ones share a loop."""
     if count >= size:
         with b.loop(count // size, "strips") as strip:
             yield b.mul(strip, size), size
@@ -341,7 +342,7 @@ def multiply_symmetric(
 
 @routine
 def factorise(b: Builder, out: ir.Value, a: ir.Value, n: int) -> None:
-    """Store the Cholesky factor, lower with out out' = a (n, n).
+    """Store the lower Cholesky factor `out` of a matrix: out out' = a (n, n).
 
     The matrix may be singular: a pivot that is negligible compared with its diagonal gets a column
     of zeros.

@@ -2,8 +2,8 @@
 
 Between events each friction slips one way or sticks, the rig is linear, and a step is exact
 (`friction`).  One kind of event is the zero crossing of a sliding speed, after which the friction
-sticks or slips the other way.  The other kind is the moment when the effort that sticking requires
-exceeds the friction at rest, so that slip begins.
+sticks or slips the other way.  The other kind is the moment when the effort (torque, or voltage)
+that sticking requires exceeds the friction at rest, so that slip begins.
 
 Events are not located in time: no root is sought, and no step ends at an event.  A step with an
 event is divided into parts, and in each part a constant mean effort replaces the friction's effort:
@@ -83,7 +83,7 @@ def advance_step(
 
 @dataclass(frozen=True, slots=True)
 class RestState:
-    """At the beginning of a step, a friction needs a holding `effort`, and has `sizes` at rest."""
+    """To stick at the beginning of a step, a friction needs `effort`; at rest it has `sizes`."""
 
     effort: Number
     sizes: Sizes
@@ -113,10 +113,7 @@ class ReversalStep:
         return order * (1 + (None in angles))
 
     def advance(self, now: StepStart, *, shows: bool) -> list[Number]:
-        """Return new state, mean efforts if they are shown, varying sizes, and their trends.
-
-        After a reversal the trends are zero.
-        """
+        """Return new state, mean efforts if they are shown, varying sizes, and zeros as their trends."""
         step, kind = self.step, self.step.kind
         x, v = len(now.state), len(step.varying)
         e = x + (len(step.frictions) if shows else 0)
@@ -194,8 +191,8 @@ class ReversalStep:
     ) -> tuple[Number, Mask]:
         """Return the mean effort over a step that begins in slip, and whether it ends in slip.
 
-        `stop` is the effort that would make the speed zero at the end of the step. Let the speed v
-        be positive, in units of the effort. If `stop` exceeds the size of the friction, v stays
+        `stop` is the effort that would make the speed zero at the end of the step. Let v > 0 be the
+        speed, times `over` (effort per speed). If `stop` exceeds the size of the friction, v stays
         positive. Otherwise v crosses zero within the step, where the effort v - stop drives it
         backwards. The friction sticks if this effort is at most its size at rest. Else it slips.
         """
@@ -284,9 +281,9 @@ def advance_stride(
 ) -> list[Number]:
     """Return the numbers that are carried to the next sample.
 
-    `mode` is that of a long step from sample to sample. A lane takes the long step if `wanted` is
-    true and all frictions of the lane slip far from any event. All other lanes take `steps`, whose
-    code runs only if there are such lanes.
+    `mode` is that of a long step from sample to sample. A lane (one walker) takes the long step if
+    `wanted` is true and all its frictions slip far from any event. All other lanes take `steps`,
+    whose code runs only if there are such lanes.
     """
     step, state, past, directions = mode.step, now.state, now.history, mode.directions()
 

@@ -256,7 +256,7 @@ def _correct_start(
 
 COUNTS = ("groups", "samples", "lead")  # lead: 1 if the start is before the first sample, else 0
 BLOCKS = {
-    "told": VECTORS,  # (G, P + K): parameters, variances of noise
+    "told": VECTORS,  # (G, P + K) of G groups of walkers: P parameters, K variances of noise
     "spans": NUMBERS,  # (2,): step, and span from the start to the first sample
     "constants": NUMBERS,  # constant inputs
     "start": NUMBERS,  # (n,)

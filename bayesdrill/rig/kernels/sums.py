@@ -160,10 +160,7 @@ _TAIL = (
 
 
 def _tail(b: Builder, far: ir.Value) -> ir.Value:
-    """Return P(z > far) / exp(-far^2 / 2) for a standard normal number z.
-
-    `far` must not be negative.
-    """
+    """Return P(z > far) / exp(-far^2 / 2) for a standard normal z, if `far` is not negative."""
     x = b.fmul(far, vector(math.sqrt(0.5)))
     wide, twice = b.fadd(x, vector(_TURN)), b.fma(x, vector(2.0), vector(1.0))
     over = b.fdiv(vector(1.0), b.fmul(wide, twice))

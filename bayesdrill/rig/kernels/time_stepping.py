@@ -3,11 +3,11 @@
 A step is exact while each friction keeps slipping one way or sticking. An event is a zero crossing
 of a sliding speed, or the transition from stick to slip. A step with an event is divided into parts
 with mean efforts (`reversals`). The event is not located in time, and leaves an error of second
-order in the length of a part.
+order in the length of a part. Each lane of a vector is one walker (a set of parameters).
 
 Channels with sampling times of their own are interpolated. Their values and rates are stored at all
-nodes. Between two nodes a channel is the cubic with the values and rates at both nodes (Hermite).
-The rates at both nodes are evaluated with the efforts of the step between them.
+nodes (ends of steps). Between two nodes a channel is the cubic with the values and rates at both
+nodes (Hermite). The rates are evaluated with the efforts (friction torques) of the step.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class Writer:
             self.stride = self._friction_mode(self._step(matrix, span))
 
     def walker_numbers(self, name: str) -> list[Number]:
-        """Load the numbers of a part of `own`, with their slopes, which are stored after them."""
+        """Load a part of the block `own`: numbers, and their slopes, which are stored after them."""
         return self.kind.shaped(self.b.read_row(self.walker[name], self.shape.walker_vectors[name]))
 
     def set_mode(self, state: list[Number]) -> None:
@@ -117,7 +117,7 @@ class Writer:
         store_exponential(b, room, constants, layout, *numbers, increments=False)
 
     def _part_exponential(self, whole: ir.Value, part: ir.Value) -> None:
-        """Store the exponential of a part of a step with a reversal, which may be the whole step."""
+        """Store the exponential of a part of a step with an event; a single part is the whole step."""
         b = self.b
         parted = b.icmp_signed(">", self.a["turns"], 1)
         with b.if_else(parted) as (then, otherwise):
@@ -507,7 +507,7 @@ def _seen_rate(w: Writer, k: int, rates: Sequence[Number]) -> Number:
 def emit_reading(w: Writer) -> None:
     """Observe all samples, each lane at its own time: store signals, or add up sums."""
     b, tally, before = w.b, w.shape.tally, w.walker_numbers("before")
-    begins = [_seen_rate(w, k, before) for k in range(w.k_count)]  # before the start
+    begins = [_seen_rate(w, k, before) for k in range(w.k_count)]  # until the start
     if tally != SQUARES:
         _read_samples(w, begins, tally)
         return

@@ -1,10 +1,10 @@
-"""Compute transition matrices of a group of walkers, over the steps of a record and over other spans.
+"""Compute transition matrices of walkers (sets of parameters), over a record's steps and other spans.
 
-The distinct steps of a record have a table of matrix exponentials.  A span that is not in the table
-is a ratio times a `width`.  Its exponential acts on a state by a ladder, whose rungs are
+The distinct steps of a record have a table of matrix exponentials.  Any other span is expressed as a
+ratio times a `width`.  Its exponential acts on a state by a ladder, whose rungs are
 exponentials over ..., 4, 2, 1, 1/2, 1/4, ... widths: each 1 in the binary digits of the ratio takes
 a product with a rung.  A Taylor series of few terms covers the span that remains after the last
-rung.  The larger the norm of a lane's matrix, the more rungs shorter than the width the lane needs.
+rung.  The larger the norm of a walker's matrix, the more rungs shorter than the width it needs.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ Step = Callable[[State, "InputHold"], State]
 
 
 def table_entries(layout: Layout) -> list[tuple[int, int]]:
-    """Return (row, column) of the entries that tables store: those in reach, in rows of states.
+    """Return (row, column) of the entries that tables store: reachable ones in rows of states.
 
     For a large matrix these are whole rows.
     """
@@ -147,7 +147,7 @@ class Transitions:
             self.kind.put(self.kind.get(e, i * self.layout.size + j), at, entry)
 
     def fill_table(self, nodes: ir.Value, spans: ir.Value, chained: ir.Value | None) -> None:
-        """Store the exponentials of all nodes, over their `spans`.
+        """Store the exponentials of all `nodes`, the entries of the table, over their `spans`.
 
         The exponential of a `chained` node is that of the node before, times that over the width.
         """
@@ -319,7 +319,7 @@ class Transitions:
         """Return state and drive after a span of `ratio` times the width."""
         b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
         _, high, rungs = (b.load(b.offset(ladder.counts, place)) for place in range(3))
-        # Inputs are numbers with slopes only if the ratio is one.
+        # Inputs receive slopes only from a ratio that has a slope.
         plain = Numbers(b, isinstance(ratio, Dual))
 
         def flat(numbers: State) -> Values:

@@ -3,10 +3,10 @@
     w' = ... + b T,  b < 0               T = sgn(w) size    while it moves,
                                          |T| <= size        while it sticks
 
-`Friction` names an effort T, its law, and the speed (or current) w that T is `against`.  The effort
-has a column of the rig's `B`, with b in the row of w.  Laws give sizes, never signs.  Their argument is
-the magnitude of the speed.  A law that differs by direction also receives `DIRECTION`, which is 1
-forwards and -1 backwards.
+`Friction` names an effort T (a torque, or a voltage drop), its law, and the speed (or current) w that T
+opposes.  The effort has a column of the rig's `B`, with b in the row of w.  Laws give sizes, never
+signs.  Their argument is the magnitude of the speed.  A law that differs by direction also receives
+`DIRECTION`, which is 1 forwards and -1 backwards.
 """
 
 from __future__ import annotations

@@ -45,8 +45,8 @@ class InertiaRoles:
     `name` is its name in configs, and `words` its name in sentences (`the motor`).
 
     `angle` and `speed` are states: `reduction` times the angle and speed of the inertia itself. An
-    imposed `speed` is an input instead. `friction` has a constant sign. `sliding` and `static` are
-    dry friction; their difference decays exponentially with the speed scale `fading`. `drag` times
+    imposed `speed` is an input instead. `friction` is a constant torque backwards. `sliding` and
+    `static` are dry friction; their difference decays with the speed scale `fading`. `drag` times
     the squared speed is a torque. `sliding_back`, `static_back` and `damping_back` are the values for
     backward motion if they differ. Of the input torques, `torque` pushes forwards and `load`
     backwards. `efficiency` is that of the gear that the inertia drives, and `efficiency_back` the
@@ -172,7 +172,7 @@ class Roles:
         return moving
 
     def at_friction(self, against: str, where: str = "") -> InertiaRoles | None:
-        """Return the inertia at `where`, or else the first, among those with the speed `against`."""
+        """Return, of the inertias whose speed is `against`, the one at `where` or else the first."""
         joined = [inertia for inertia in self.inertias if inertia.speed == against]
         return next((inertia for inertia in joined if inertia.at == where), (*joined, None)[0])
 

@@ -269,10 +269,7 @@ def words(name: str) -> str:
 
 
 class Description:
-    """The description derives the names, symbols and roles of a train from its parts.
-
-    Raises `InputError` if two names coincide.
-    """
+    """A description derives names, symbols and roles of a train; two equal names are an `InputError`."""
 
     def __init__(self, train: Train) -> None:
         self.train = train

@@ -51,9 +51,9 @@ class Stepping(NamedTuple):
 class Simulator(ABC):
     """A simulator computes the channels of an experiment; it is a frozen dataclass.
 
-    Parameters are `full (W, P)` in SI, with columns in the order of `parameters`: those of the
-    `model`, then those of sensors and start. All results are batch-first. If the numbers of
-    a walker overflow, only its own row is NaN.
+    Parameters are `full (W, P)` in SI, a row for each walker, with columns in the order of
+    `parameters`: those of the `model`, then those of sensors and start. All results are
+    batch-first. If the numbers of a walker overflow, only its own row is NaN.
     """
 
     model: Model
@@ -74,10 +74,7 @@ class Simulator(ABC):
 
     @property
     def record(self) -> Mapping[str, Array] | None:
-        """Return channels `y` and inputs `u` for the steady Kalman filter, see `record_blocks`.
-
-        The result is None if this filter cannot be used.
-        """
+        """Return `record_blocks` for the steady Kalman filter, or None if it cannot be used."""
         return None
 
     @property
@@ -192,10 +189,7 @@ class Simulator(ABC):
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
 
     def of(self, experiment: Experiment) -> Simulator:
-        """Return the simulator of another experiment with the same sensors.
-
-        The experiment may have further channels.
-        """
+        """Return the simulator of another experiment with these sensors, and maybe further channels."""
         return dataclasses.replace(self, experiment=experiment)  # type: ignore[type-var]
 
     def with_record(self, y: Array) -> Simulator:
@@ -240,10 +234,7 @@ def whitened(values: Array, observed: Flags, scales: Array) -> Array:
 
 
 def log_sums(tally: Array) -> Array:
-    """Return the logs `(W, K)` of the products in registers `tally (W, K, 3)` of `kernels.sums`.
-
-    The logs are NaN if the squares may have overflowed.
-    """
+    """Return logs `(W, K)` of products in registers `tally (W, K, 3)`, NaN if squares may overflow."""
     squares, product, powers = np.moveaxis(tally, -1, 0)
     whole = np.ascontiguousarray(powers).view(np.int64)
     logs = np.log(product) + math.log(2.0) * whole

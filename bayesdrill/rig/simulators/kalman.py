@@ -1,4 +1,4 @@
-"""Filter, smooth and draw records with a latent torque, for all walkers at once.
+"""Filter, smooth and draw records with a latent torque, for all walkers (parameter sets) at once.
 
 Residuals are the record minus the response without the torque. They follow from a state of the rig that
 is zero at the start and driven only by the torque. The torque begins with its stationary variance.

@@ -110,7 +110,7 @@ class Stepped(Simulator):
     ) -> tuple[SteppedShape, tuple[str, ...], BoundFunction]:
         """Return the structure of a kernel, the names of its `walker_blocks`, and the kernel.
 
-        The kernel is bound to all arguments that walkers share.
+        The kernel is bound to all arguments that walkers (sets of parameters) share.
         """
         wanted = (id(ahead), tally, *kind.values())
         if wanted not in self._functions:
@@ -155,7 +155,7 @@ class Stepped(Simulator):
             parts["rows"] = [_unit_rows(self.model)]
         read = not efforts and (self.sensing.shifts or not ahead.aligned)
         dual = directions is not None
-        stored = tally is None and not dual and not efforts  # by the kernel that adds up squares
+        stored = tally is None and not dual and not efforts  # the kernel of `SQUARES` can do it
         wanted = SQUARES if stored else tally
         shape, names, function = self._bind(ahead, wanted, efforts=efforts, dual=dual, read=read)
         after = ahead.steps_after(parts["shift"][0]) if read else 0
@@ -196,7 +196,7 @@ class Stepped(Simulator):
     def _walker_parts(self, walkers: ObservedWalkers) -> dict[str, Any]:
         """Return the parts that depend on each walker's sensors and start."""
         w, full = self.sensors, walkers.full
-        # Only a late channel shows the time before the start.
+        # Only channels with a delay need the states before the start.
         shifts, start = self.sensing.shifts, walkers.start
         before = walkers.before if shifts else linear_map(np.zeros_like, start)
         return {
@@ -209,7 +209,7 @@ class Stepped(Simulator):
 
     @cached_property
     def _shared_parts(self) -> dict[str, Array] | None:
-        """Return the parts of perfect sensors and a known start; None if there are unknowns."""
+        """Return the parts that are known; None if sensors or the start have unknowns."""
         if not self.sensing.empty:
             return None
         parts = self._walker_parts(

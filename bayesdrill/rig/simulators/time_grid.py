@@ -168,7 +168,7 @@ NODE_TOLERANCE = 1e-9  # in steps: a lag this close to a whole number of steps i
 
 
 class UniformGrid:
-    """The nodes begin at the first time `t (T,)` and are `span` apart, the median step / `pieces`.
+    """The nodes begin at the first of times `t (T,)` and are `span` apart, the median step / `pieces`.
 
     Inputs `series`, each `(T,)`, are interpolated between samples (`first_order`) or held. For each
     step, an interpolated input has its value at the beginning and a slope, a held input its mean.
