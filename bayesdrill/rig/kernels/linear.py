@@ -160,7 +160,7 @@ class _Writer:
     # Normal equations.
 
     def _add_products(self, first: ir.Value, rows: ir.Value) -> None:
-        """Add up squares `(K,)` of residuals, and the triangle `(1 + q, 1 + q)` of products of planes."""
+        """Add up squares `(K,)` of residuals, and products of planes (a triangle `(1 + q, 1 + q)`)."""
         b, k_count = self.b, self.k
         with b.loop(self.plane_count, "whiten") as plane:
             self._whiten(plane, first, rows)

@@ -507,7 +507,7 @@ def _seen_rate(w: Writer, k: int, rates: Sequence[Number]) -> Number:
 def emit_reading(w: Writer) -> None:
     """Observe all samples, each lane at its own time: store signals, or add up sums."""
     b, tally, before = w.b, w.shape.tally, w.walker_numbers("before")
-    begins = [_seen_rate(w, k, before) for k in range(w.k_count)]  # until the start
+    begins = [_seen_rate(w, k, before) for k in range(w.k_count)]  # before start
     if tally != SQUARES:
         _read_samples(w, begins, tally)
         return
