@@ -257,8 +257,8 @@ class BasisExpansion:
             lost = dot([-entry for entry in self._carried[n]], modes[d:], modes[n])
             lost_shown = [multiply_add(row[n], lost, None) for row in self._shown]
             column = self.store(column, lost_shown)
-        column, left = self._expand(column, modes[d:])
-        self.errors = self._bound.add(self.errors, left, size)
+        column, remainder = self._expand(column, modes[d:])
+        self.errors = self._bound.add(self.errors, remainder, size)
         return column
 
     def _drive(self, source: str, start: list[Number], rates: Matrix) -> list[Number]:
@@ -396,18 +396,18 @@ class _RemainderBound:
         turn = plus([[self._zero] * len(values) for _ in values], self._one)
         for block, other in itertools.permutations(self._blocks, 2):
             pairs = ((block, block), (block, other), (other, other), (other, block))
-            apart = _solve_sylvester(*(_part(values, *pair) for pair in pairs))
+            solution = _solve_sylvester(*(_part(values, *pair) for pair in pairs))
             for (i, row), (j, column) in itertools.product(enumerate(block), enumerate(other)):
-                turn[row][column] = apart[i][j]
+                turn[row][column] = solution[i][j]
         return turn
 
     def _lengths(self, row: Sequence[Number]) -> list[Number]:
         """Return the length of each block of a vector."""
         return [_length([row[i] for i in block]) for block in self._blocks]
 
-    def add(self, errors: list[Number], left: Sequence[Number], size: Number) -> list[Number]:
+    def add(self, errors: list[Number], remainder: Sequence[Number], size: Number) -> list[Number]:
         """Return the bounds `(K,)` plus that of a source, whose input has the norm `size`."""
-        lengths = self._lengths([dot(row, _values(left)) for row in self._back])
+        lengths = self._lengths([dot(row, _values(remainder)) for row in self._back])
         pairs = zip(errors, self._shares, strict=True)
         return [error + size * dot(lengths, shares) for error, shares in pairs]
 

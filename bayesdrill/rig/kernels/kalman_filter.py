@@ -396,13 +396,13 @@ def _revise(w: _Writer, phi: ir.Value, q: ir.Value, observed: ir.Value) -> None:
     moving = NOWHERE
     for i, before in enumerate(old):
         now = dual(m.get(w.p, i * n + i))
-        far = b.absolute((now.value - before.value).value)
-        near = (now.value * STEADY_TOLERANCE).value
-        moving = b.or_(moving, b.fcmp_unordered(">", far, near))
+        change = b.absolute((now.value - before.value).value)
+        limit = (now.value * STEADY_TOLERANCE).value
+        moving = b.or_(moving, b.fcmp_unordered(">", change, limit))
         if m.slopes:
-            far = b.absolute((now.slope - before.slope).value)
-            near = ((now.slope.size() + now.value) * STEADY_SLOPE_TOLERANCE).value
-            moving = b.or_(moving, b.fcmp_unordered(">", far, near))
+            change = b.absolute((now.slope - before.slope).value)
+            limit = ((now.slope.size() + now.value) * STEADY_SLOPE_TOLERANCE).value
+            moving = b.or_(moving, b.fcmp_unordered(">", change, limit))
     b.store(b.select(b.anywhere(moving), 0, 1), w.flag)
 
 

@@ -170,8 +170,8 @@ class _Writer:
             pairs = [*itertools.product(range(len(planes)), range(len(others)))]
             samples = Loop(b, rows, [vector(0.0)] * len(pairs) * k_count, "products")
             left, right = (
-                [b.read_row(self.at(p, samples.index), k_count) for p in some]
-                for some in (planes, others)
+                [b.read_row(self.at(p, samples.index), k_count) for p in members]
+                for members in (planes, others)
             )
             factors = [each for p, o in pairs for each in zip(left[p], right[o], strict=True)]
             new = [

@@ -98,8 +98,8 @@ class LongShaft(Model):
             within = self._within(k, springs, p["j_s"] / n)
             for (row, column), value in rows.items():
                 if row in ("w_1", "w_2"):
-                    share = k / n if row == "w_1" else 1.0 - k / n
-                    within[column] = within.get(column, 0.0) - share * value
+                    weight = k / n if row == "w_1" else 1.0 - k / n
+                    within[column] = within.get(column, 0.0) - weight * value
             for column, value in within.items():
                 if column is None:
                     c[f"dphi_{k}"] = value

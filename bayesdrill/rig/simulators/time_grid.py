@@ -239,8 +239,8 @@ class UniformGrid:
         """
         ratio = lags[0] / self.span
         whole = np.floor(ratio + NODE_TOLERANCE)
-        shares = [np.clip(ratio - whole, 0.0, None), *(lag / self.span for lag in lags[1:])]
-        return (np.nan_to_num(whole), *shares)
+        fractions = [np.clip(ratio - whole, 0.0, None), *(lag / self.span for lag in lags[1:])]
+        return (np.nan_to_num(whole), *fractions)
 
     def inputs(self, margin: int, after: int) -> Array:
         """Return inputs over each step, `(N + 1 + after, S)` or, with slopes, `(N + 1 + after, 2 S)`.
