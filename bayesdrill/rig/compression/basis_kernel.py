@@ -123,9 +123,9 @@ class BasisShape:
 class PoleNumbers:
     """A real pole a = 1 + mu, or a complex pair, has these numbers.
 
-    With M = `denominator` . (1, F, F^2), the two functions of a pair are `even_gain` (2 + F) / M
-    and - `odd_gain` F / M; that of a real pole is `even_gain` / M. The `all_pass` (p, q, r) is
-    p + (q + r F) / M. Rounding errors are smallest in this form if other modes are far faster or slower.
+    With M = `denominator` . (1, F, F^2), a pair has the functions `even_gain` (2 + F) / M and
+    -`odd_gain` F / M. A real pole has `even_gain` / M. The `all_pass` (p, q, r) is p + (q + r F) / M.
+    Rounding errors are smallest in this form if other modes are far faster or slower.
     """
 
     denominator: tuple[float, float, float]

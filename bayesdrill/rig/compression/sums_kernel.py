@@ -48,7 +48,7 @@ def _projections(
 def write_sums(module: Module, shape: BasisShape) -> None:
     """Write the kernel `sums`, whose arguments are `COUNTS` and the addresses of `BLOCKS`.
 
-    For G groups of walkers (sets of parameters), `walkers (G, P + X + K (X + 1), LANES)` has P
+    There are G groups of walkers (sets of parameters).  `walkers (G, P + X + K (X + 1), LANES)` has P
     parameters, X start values, and the rows of K channels.  `columns` is n, a multiple of `ROWS`.
     `channel` is the distance in memory between the triangles `(n, n)` of two channels, zero if they
     share one, and `sum` is that between two sums.  `numbers` are step and constant inputs.

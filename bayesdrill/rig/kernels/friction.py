@@ -78,7 +78,7 @@ class Sizes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepFriction:
-    """The fields say how one friction acts on the states in a step, and what makes it stick.
+    """The fields describe how one friction acts on the states in a step, and what makes it stick.
 
     `row` is the index of its speed, and `angle` that of its angle. `column` is the effect of a unit
     effort on the states in a step, and `stop_gain` is -1 / column[row]. The effort that keeps the

@@ -208,7 +208,7 @@ class _Writer:
             add_tile([last], [last])
 
     def _whiten(self, plane: ir.Value, first: ir.Value, rows: ir.Value) -> None:
-        """Whiten a plane: channels become whitened residuals, slopes those of whitened residuals.
+        """Replace channels in a plane by whitened residuals, or slopes of channels by slopes of these.
 
         With three weights s, the residual r_j becomes s_0 r_j - s_1 r_i, where i is the observed
         sample before j.  The first residual r of a channel becomes s_2 r.
@@ -377,7 +377,7 @@ class _Walker:
         return [x for part in self.parts for x in registers[part * self.x :][: self.x]]
 
     def _completed(self, registers: Values, row: ir.Value) -> State:
-        """Rebuild the state of `_advanced`; the values or slopes that it lacks are in the trace."""
+        """Return the state of `_advanced`; the values or slopes that it omits are in the trace."""
         if len(self.parts) < self.kind.width:
             at = self.b.offset(self.w.trace, row, self.x)
             if self.parts == VALUES:

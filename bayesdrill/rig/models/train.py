@@ -269,7 +269,10 @@ def words(name: str) -> str:
 
 
 class Description:
-    """A description derives names, symbols and roles of a train; two equal names are an `InputError`."""
+    """The description derives the names, symbols and roles of a train from its parts.
+
+    Raises `InputError` if two names coincide.
+    """
 
     def __init__(self, train: Train) -> None:
         self.train = train
