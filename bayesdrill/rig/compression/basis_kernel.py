@@ -47,7 +47,7 @@ ROUNDS = 2
 class BasisShape:
     """Kernels are specialised for this structure.
 
-    `slopes` says that numbers have slopes. On the first `integrators` modal coordinates no rate
+    `slopes` says that numbers have derivatives. On the first `integrators` modal coordinates no rate
     depends. `poles` has the number of coordinates of each pole, in the order in which they follow.
     `impulse` says that the rig moves because of its start. `channels` is K. `sums` is the number of
     sums per channel: 1 for squared residuals, 3 with squared increments and both end residuals.
@@ -184,7 +184,7 @@ class ExponentialEntries:
     e: ir.Value
 
     def __call__(self, i: int, column: int) -> Number:
-        """Return an entry, with its slope if numbers have slopes."""
+        """Return an entry, with its derivative if numbers have slopes."""
         layout, kind = self.shape.layout, Numbers(self.b, self.shape.slopes)
         reached = layout.reachable[i][column]
         return kind.get(self.e, i * layout.size + column) if reached else kind.zero()

@@ -53,7 +53,7 @@ class Layout:
 
     `entries(numbers)` returns (row, column, value) of the entries; values of one entry are added.
     The numbers are `n_parameters` parameters, then `n_constants` constant inputs. The columns are X
-    states, the constant 1, `n_series` sampled inputs and, for a first-order hold, their slopes.
+    states, the constant 1, `n_series` sampled inputs and, for a first-order hold, their time slopes.
     """
 
     n_parameters: int
@@ -123,7 +123,7 @@ class Layout:
     ) -> Sequence[tuple[int, int, Any]]:
         """Return the entries at constant inputs `(C,)` and parameters `(P,)`, given by addresses.
 
-        `parameters` are the addresses of the parameters' values and, with slopes, of their slopes.
+        `parameters` are the addresses of the parameters' values and, if wanted, of their derivatives.
         """
         numbers = map(Blocks(b, parameters).get, range(self.n_parameters))
         return self.entries([*numbers, *(number(b, constants, c) for c in range(self.n_constants))])
@@ -231,8 +231,8 @@ def store_exponential(
 ) -> None:
     """Store the exponential e `(N, N)` of the augmented matrix; each lane (walker) has its span.
 
-    `numbers` are the address of parameters `(P,)` and the span. For an exponential with slopes, the
-    address of the parameters' slopes and the slope of the span follow. With `increments`, the last
+    `numbers` are the address of parameters `(P,)` and the span. If e shall have a derivative, the
+    address of the parameters' derivatives and the span's derivative follow. With `increments`, the last
     columns belong to the increments of inputs over the span, else to their time derivatives.
     `beside_one=False` stores e - 1, which keeps more digits for short spans.
 

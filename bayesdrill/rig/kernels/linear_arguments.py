@@ -18,19 +18,20 @@ from bayesdrill.rig.kernels.transitions import MAX_RUNGS, table_entries
 COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
 BLOCKS = {
     "own": VECTORS,  # (G, numbers in `LinearShape.part_sizes`, then `LinearShape.weights` numbers)
-    "along": VECTORS,  # (G, q, `LinearShape.with_slopes`): slopes of the first numbers of `own`
+    "along": VECTORS,  # (G, q, `LinearShape.with_slopes`): derivatives of the first numbers of `own`
     "numbers": NUMBERS,  # width of the ladder; constant inputs
     "spans": NUMBERS,  # span of each node
     "chained": WHOLE,  # 1 if a node's span is that of the node before, plus the width
     "node": WHOLE,  # (N,) node of the step from each knot
     "share": NUMBERS,  # (N,) excess of that step over its node's span, in widths; -1 for none
     "t": NUMBERS,  # (N + 1,) times of knots; the last is infinite
-    "u": NUMBERS,  # (N, S or 2 S): sampled inputs and, with a first-order hold, their slopes
+    "u": NUMBERS,  # (N, S or 2 S): sampled inputs and, with a first-order hold, their time slopes
     "y": NUMBERS,  # (T, K)
     "begin": WHOLE,  # (K,) first observed sample of each channel
     "places": WHOLE,  # offset of each part of `SCRATCH`
     "scratch": VECTORS,
-    "out": VECTORS,  # (G, 1 + q, T, K) signals, slopes; (G, K, n) sums; (G, K + (1 + q)^2) products
+    # (G, 1 + q, T, K) signals and derivatives; (G, K, n) sums; (G, K + (1 + q)^2) normal equations
+    "out": VECTORS,
 }
 SCRATCH = ("table", "states", "rungs", "planes", "last residuals", "trace")
 SCALES = 3  # scales of a channel's residuals, see `simulators.contract.whitening_scales`
@@ -45,8 +46,9 @@ class LinearShape:
     `rows (K, X)` says which states a channel shows; weights of these states, and offsets, may differ
     between walkers. `is_delayed (K,)` says which channels are late. `uneven` says that steps differ,
     or that there is no step. The kernel computes the sums of a `tally` or, without one, normal
-    equations, for which numbers have slopes. Kernels of `SQUARES` and of normal equations can store
-    signals instead. `sensed` says that starts and rows have slopes; perfect sensors have none.
+    equations, for which numbers have slopes (derivatives). Kernels of `SQUARES` and of normal
+    equations can store signals instead. `sensed` says that starts and rows have slopes, too, as
+    sensors are not perfect.
     """
 
     layout: Layout
@@ -66,7 +68,7 @@ class LinearShape:
 
     @property
     def slopes(self) -> bool:
-        """Return whether numbers have slopes."""
+        """Return whether numbers have slopes, which are derivatives in a direction of parameters."""
         return self.tally is None
 
     @property

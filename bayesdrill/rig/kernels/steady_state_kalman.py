@@ -262,7 +262,7 @@ BLOCKS = {
     "start": NUMBERS,  # (n,)
     "weights": NUMBERS,  # (K, n) weights of states in channels
     "y": NUMBERS,  # (T, K)
-    "u": NUMBERS,  # (T, S or 2 S): sampled inputs and, with a first-order hold, their slopes
+    "u": NUMBERS,  # (T, S or 2 S): sampled inputs and, with a first-order hold, their time slopes
     "shown": VECTORS,  # scratch (T / `BLOCK_SAMPLES` + 1, n): scores of blocks
     "out": VECTORS,  # (2 K + 1, G), see `write_steady_state`
 }

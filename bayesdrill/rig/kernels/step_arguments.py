@@ -32,7 +32,7 @@ COUNTS = ("groups", "samples", "nodes", "turns", "stored")
 BLOCKS = {
     "numbers": NUMBERS,  # span of a step; usual span between samples; constant inputs
     "own": VECTORS,  # (G, V) numbers of each walker; V is the sum of `walker_vectors`
-    "u": NUMBERS,  # (N + 1, S) inputs, or (N + 1, 2 S) with slopes; has rows before and after these
+    "u": NUMBERS,  # (N + 1, S) inputs, or (N + 1, 2 S) with time slopes; rows before and after, too
     "pieces": WHOLE,  # (T,) number of steps to the next sample
     "usual": WHOLE,  # (T,) 1 if `pieces` is the usual number of steps and greater than 1
     "t": NUMBERS,  # (T,) times of samples, in steps from the first node

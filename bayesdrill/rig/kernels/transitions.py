@@ -68,14 +68,14 @@ def table_entries(layout: Layout) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True, slots=True)
 class InputHold:
-    """The sampled inputs have values at a time and, with a first-order hold, slopes from then on."""
+    """The sampled inputs have values at a time and, if interpolated, time slopes from then on."""
 
     inputs: Sequence[Number]
     slopes: Sequence[Number]
 
     @classmethod
     def load(cls, b: Builder, layout: Layout, u: ir.Value, knot: ir.Value) -> InputHold:
-        """Load the inputs and slopes from a knot on, from the block `u` of all knots."""
+        """Load the inputs and time slopes from a knot on, from the block `u` of all knots."""
         columns = layout.size - layout.n_states - 1
         at = b.offset(u, knot, columns) if columns else u
         values = [number(b, at, c) for c in range(columns)]
@@ -109,8 +109,8 @@ class ExponentialLadder:
 class Transitions:
     """The writer has the code that fills and applies the transition matrices of walkers.
 
-    `kind` says whether numbers have slopes. `parameters` are the addresses of the parameters'
-    values and slopes, and `constants` is that of the constant inputs. `table` is the address of the
+    `kind` says whether numbers have derivatives. `parameters` are the addresses of the parameters'
+    values and derivatives, and `constants` is that of constant inputs. `table` is the address of the
     exponentials of steps. `width` is the span that ratios refer to. `rungs` is the address of the
     ladder's exponentials. `halved` says whether sums of a step have two halves, see `sum_products`.
     """
@@ -245,7 +245,7 @@ class Transitions:
 
     @cached_property
     def _constant_rates(self) -> set[tuple[int, int]]:
-        """Return those `_rate_entries` that depend on no parameter and thus have no slope."""
+        """Return those `_rate_entries` that depend on no parameter and thus have no derivative."""
         entries = self.layout.entries([Dual(1.0, 1.0)] * self.layout.n_numbers)
         depends = {(row, column) for row, column, value in entries if isinstance(value, Dual)}
         return {*self._rate_entries} - depends
@@ -319,7 +319,7 @@ class Transitions:
         """Return state and drive after a span of `ratio` times the width."""
         b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
         _, high, rungs = (b.load(b.offset(ladder.counts, place)) for place in range(3))
-        # Inputs receive slopes only from a ratio that has a slope.
+        # Inputs receive derivatives only from a ratio that has one.
         plain = Numbers(b, isinstance(ratio, Dual))
 
         def flat(numbers: State) -> Values:

@@ -172,7 +172,7 @@ class Roles:
         return moving
 
     def at_friction(self, against: str, where: str = "") -> InertiaRoles | None:
-        """Return, with the speed `against`, the inertia at `where` or else the first inertia."""
+        """Among inertias with the speed `against`, return the one at `where` or else the first."""
         joined = [inertia for inertia in self.inertias if inertia.speed == against]
         return next((inertia for inertia in joined if inertia.at == where), (*joined, None)[0])
 

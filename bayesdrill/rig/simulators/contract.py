@@ -40,7 +40,7 @@ class Stepping(NamedTuple):
     """These settings define the time steps of a simulator.
 
     `pieces` is the number of steps from one sample to the next, and `turns` the number of parts of a
-    step with a reversal. `chosen` says that both numbers were adapted to the noise.
+    step with an event, such as a reversal. `chosen` says that both were adapted to the noise.
     """
 
     pieces: int

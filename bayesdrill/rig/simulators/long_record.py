@@ -123,7 +123,7 @@ def input_layout(model: Model, experiment: Experiment) -> Layout:
 
 
 def record_blocks(experiment: Experiment) -> dict[str, Array]:
-    """Return record and inputs `(T, S)` at even times; `(T, 2 S)` with slopes for a first-order hold."""
+    """Return record and inputs `(T, S)` at even times; `(T, 2 S)` with time slopes if interpolated."""
     series = [*experiment.series.values()]
     if experiment.first_order:
         series += [np.append(np.diff(u), 0.0) / experiment.dt for u in series]

@@ -20,7 +20,8 @@ CLOCK_ROUNDING = 4 * np.finfo(float).eps
 MAX_FILL_RATIO = 1.5
 # Largest number of distinct steps with an exponential each: 4 + n_samples / 100.
 MIN_DISTINCT_STEPS, SAMPLES_PER_STEP = 4, 100
-CELLS, SAMPLES_PER_CELL = (24, 64), 12  # largest cost of cells: n_samples / 12, from 24 to 64
+# Largest `_cost` of `_cells`, in matrix products: n_samples / 12, but from 24 to 64.
+CELLS, SAMPLES_PER_CELL = (24, 64), 12
 WIDTH_RATIO = 1.25  # ratio of successive cell widths in the search
 BELOW_ONE = 1.0 - 2.0**-53
 EXPONENTIAL_COST = 10  # cost of an exponential, in matrix products
@@ -152,7 +153,7 @@ def _cost(cells: Whole) -> int:
 def inputs_at_knots(
     g: Grid, series: Mapping[str, Array], *, first_order: bool
 ) -> tuple[Array, Array]:
-    """Return sampled inputs `(T, S)` at all knots, and their slopes in the steps that follow."""
+    """Return sampled inputs `(T, S)` at all knots, and their time slopes in the steps that follow."""
     inputs = np.array([*series.values()]).reshape(len(series), len(g.samples)).T
     n_knots = len(g.t) - 1
     before = np.searchsorted(g.samples, np.arange(n_knots), side="right") - 1
@@ -243,7 +244,7 @@ class UniformGrid:
         return (np.nan_to_num(whole), *fractions)
 
     def inputs(self, margin: int, after: int) -> Array:
-        """Return inputs over each step, `(N + 1 + after, S)` or, with slopes, `(N + 1 + after, 2 S)`.
+        """Return inputs over steps, `(N + 1 + after, S)` or, with time slopes, `(N + 1 + after, 2 S)`.
 
         In memory, `margin` further rows precede and follow. Outside the record, inputs are constant.
         """
@@ -261,7 +262,7 @@ class UniformGrid:
 
     @cached_property
     def _rows(self) -> Array:
-        """Return rows of inputs and slopes: before the record, in each step, and after the record."""
+        """Return inputs and time slopes in rows: before the record, in each step, after the record."""
         still = [0.0] * self._slopes
         first, last = ([u[end] for u in self._series] + still for end in (0, -1))
         return np.concatenate([[first], self._over_steps(), [last]])
