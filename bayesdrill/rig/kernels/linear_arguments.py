@@ -19,7 +19,7 @@ COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
 BLOCKS = {
     "own": VECTORS,  # (G, numbers in `LinearShape.part_sizes`, then `LinearShape.weights` numbers)
     "along": VECTORS,  # (G, q, `LinearShape.with_slopes`): derivatives of the first numbers of `own`
-    "numbers": NUMBERS,  # width of the ladder; constant inputs
+    "numbers": NUMBERS,  # width of the ladder of `transitions`, then constant inputs
     "spans": NUMBERS,  # span of each node
     "chained": WHOLE,  # 1 if a node's span is that of the node before, plus the width
     "node": WHOLE,  # (N,) node of the step from each knot
@@ -34,9 +34,9 @@ BLOCKS = {
     "out": VECTORS,
 }
 SCRATCH = ("table", "states", "rungs", "planes", "last residuals", "trace")
-SCALES = 3  # scales of a channel's residuals, see `simulators.contract.whitening_scales`
-ROWS = 64  # samples of a chunk
-JOINED = 4  # samples per step of large matrices; a divisor of ROWS
+SCALES = 3  # number of a channel's weights, see `simulators.contract.whitening_scales`
+ROWS = 64  # number of samples in a chunk
+JOINED = 4  # number of samples per step with large matrices; a divisor of ROWS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -157,30 +157,30 @@ def _lane(factor: Vector, other: Vector, sum_: Vector | None) -> Vector:
 
 
 def above(number: Number, other: Number) -> Mask:
-    """Return where a number is greater than another; NaN is greater than all."""
+    """Return in which lanes a number is greater than another; NaN is greater than all."""
     value, bound = dual(number).value, dual(other).value
     return Mask(value.b, value.b.fcmp_unordered(">", value.value, bound.value))
 
 
 def is_moving(speed: Number) -> Mask:
-    """Return where a speed is not zero; NaN moves."""
+    """Return in which lanes a speed is not zero; NaN is not zero."""
     value = dual(speed).value
     return Mask(value.b, value.b.fcmp_unordered("!=", value.value, vector(0.0)))
 
 
 def slip_direction(speed: Number) -> Vector:
-    """Return the sign of a speed, 0 at rest; NaN has a direction too."""
+    """Return the sign of a speed, and 0 at rest; the sign of NaN is 1 or -1."""
     value = dual(speed).value
     return is_moving(speed).chosen(Vector(value.b, vector(1.0)).signed(value), 0.0)
 
 
 def is_sticking(direction: Vector) -> Mask:
-    """Return where a direction is zero, that is where a friction sticks."""
+    """Return in which lanes a direction is zero, so that the friction sticks."""
     return Mask(direction.b, direction.b.fcmp_ordered("==", direction.value, vector(0.0)))
 
 
 def keeps_direction(direction: Vector, speed: Number) -> Mask:
-    """Return where a speed has the sign `direction`; false where the direction is zero."""
+    """Return in which lanes a speed has the sign `direction`; none if the direction is zero."""
     product = direction.b.fmul(direction.value, dual(speed).value.value)
     return Mask(direction.b, direction.b.fcmp_unordered(">", product, vector(0.0)))
 

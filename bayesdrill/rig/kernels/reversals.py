@@ -160,7 +160,7 @@ class ReversalStep:
         sizes: list[Sizes],
         at_rest: list[RestState],
     ) -> tuple[list[Number], list[Mask]]:
-        """Return the efforts, and where each friction slips; `drive` is that at the end of the step."""
+        """Return efforts, and lanes in which each friction slips; `drive` is that after the step."""
         speeds = [state[friction.row] for friction in self.step.frictions]
         known = [
             where(is_moving(speed), signed(most.along(speed), speed), at.effort)
@@ -189,7 +189,7 @@ class ReversalStep:
     def _effort_from_slip(
         self, stop: Number, speed: Number, over: Number, sizes: Sizes, at_rest: RestState
     ) -> tuple[Number, Mask]:
-        """Return the mean effort over a step that begins in slip, and whether it ends in slip.
+        """Return the mean effort over a step that begins in slip, and lanes that slip at its end.
 
         `stop` is the effort that would make the speed zero at the end of the step. Let v > 0 be the
         speed, times `over` (effort per speed). If `stop` exceeds the size of the friction, v stays
@@ -216,7 +216,7 @@ class ReversalStep:
     def _effort_from_stick(
         self, stop: Number, later: Number, sizes: Sizes, at_rest: RestState
     ) -> tuple[Number, Mask]:
-        """Return the mean effort over a step that begins in stick, and where it slips at the end.
+        """Return the mean effort over a step that begins in stick, and lanes that slip at its end.
 
         The required effort goes from `at_rest.effort` to `later`, with the mean `stop`. Once it
         exceeds the size at rest, the friction slips with the size in `sizes`.

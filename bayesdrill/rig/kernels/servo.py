@@ -40,7 +40,7 @@ class ServoLoop:
         return sum_products(self.base, row_terms(self.row, state, drive))
 
     def is_closed(self, wanted: Number) -> Mask:
-        """Return where the voltage follows the wanted one."""
+        """Return in which lanes the voltage follows the wanted one."""
         mask: Mask = self.law.is_linear(self.parameters, wanted)
         return mask
 

@@ -58,7 +58,7 @@ class Saturation:
         return dead * p[self.proportional] if self.proportional else dead
 
     def is_linear(self, p: Named, wanted: Any) -> Any:
-        """Return where a `wanted` voltage is neither saturated nor in the dead band."""
+        """Return whether a `wanted` voltage is neither saturated nor in the dead band."""
         inner, reach, dead = size(wanted), self.max_voltage(p), self.dead_band(p)
         inner = inner if dead is None else inner - dead
         if reach is None:
