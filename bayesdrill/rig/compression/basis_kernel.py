@@ -88,7 +88,7 @@ class BasisShape:
 
     @property
     def sources(self) -> list[str]:
-        """Return the sources of the drive: the `impulse` of the start, a `constant` one, each series."""
+        """Return what drives the rig: `impulse` (the start), `constant` (a forcing), each series."""
         series = [f"series {s}" for s in range(self.layout.n_series)]
         return ["impulse"] * self.impulse + ["constant"] * self.constant + series
 

@@ -134,7 +134,7 @@ def sum_products(
 
 
 def multiply_add(factor_a: Number, factor_b: Number, sum_: Number) -> Number:
-    """Return factor_a * factor_b + sum_, without the terms of slopes that are the constant 0.0."""
+    """Return factor_a * factor_b + sum_; slopes that are the constant 0.0 get no code."""
     if not any(isinstance(number, Dual) for number in (factor_a, factor_b, sum_)):
         return _lane(factor_a, factor_b, sum_)
     a, b, before = map(dual, (factor_a, factor_b, sum_))

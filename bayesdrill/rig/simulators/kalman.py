@@ -202,7 +202,7 @@ class KalmanFilter:
         residuals: list[Array],
         each: int,
     ) -> Array:
-        """Run a kernel that returns `each` numbers per channel or, if 0, states (and channels)."""
+        """Run a kernel; return `each` numbers per channel or, if `each` is 0, states (and channels)."""
         system, width = self.system, len(parameters)
         n_walkers, t_count = len(parameters[0]), len(self.experiment.t)
         columns = system.k * each if each else system.n + (system.k if name == "draw" else 0)

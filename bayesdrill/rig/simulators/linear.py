@@ -194,7 +194,7 @@ class Response(Simulator):
 
     @cached_property
     def _high(self) -> int:
-        """Return the number of rungs >= `width` in `kernels.transitions`; -1 if nothing needs rungs."""
+        """Return how many rungs span at least `width`, see `kernels.transitions`; -1 without a ladder."""
         g = self._grid
         if not any(self._is_delayed):
             return 0 if g.width > 0.0 else -1
