@@ -194,7 +194,7 @@ class Response(Simulator):
 
     @cached_property
     def _high(self) -> int:
-        """Return how many rungs span at least `width`, see `kernels.transitions`; -1 without a ladder."""
+        """Return how many rungs of `kernels.transitions` span at least `width`; -1 without a ladder."""
         g = self._grid
         if not any(self._is_delayed):
             return 0 if g.width > 0.0 else -1
