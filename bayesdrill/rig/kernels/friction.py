@@ -1,8 +1,9 @@
 """Advance a rig with friction by a step in which each friction keeps slipping or sticking.
 
+In such a step the rig is linear (`FrictionMode`), and each new state is the product with a row:
+
     x_i+ = rows[i] (x, 1, drive, sizes of varying frictions)
 
-As long as each friction slips in one direction or sticks, the rig is linear: see `FrictionMode`.
 An effort is the torque of a friction, or a voltage drop.  Numbers are vectors, and each lane of a
 vector is one walker (a set of parameters).
 
