@@ -26,8 +26,8 @@ BLOCKS = {
     "share": NUMBERS,  # (N,) excess of that step over its node's span, in widths; -1 for none
     "t": NUMBERS,  # (N + 1,) times of knots; the last is infinite
     "u": NUMBERS,  # (N, S or 2 S): sampled inputs and, with a first-order hold, their time slopes
-    "y": NUMBERS,  # (T, K)
-    "begin": WHOLE,  # (K,) first observed sample of each channel
+    "y": NUMBERS,  # (T, K) measured values, NaN if missing
+    "begin": WHOLE,  # (K,) index of the first observed sample of each channel
     "places": WHOLE,  # offset of each part of `SCRATCH`
     "scratch": VECTORS,
     # (G, 1 + q, T, K) signals and derivatives; (G, K, n) sums; (G, K + (1 + q)^2) normal equations

@@ -1,6 +1,6 @@
 """Compute the likelihood by a Kalman filter with one steady-state gain.
 
-The Riccati equation is solved by doubling (Anderson 1978).  The covariance at the start is exact.
+The Riccati equation is solved by doubling (Anderson 1978).
 
 A block of 2^j samples has a transition B and two matrices.  H is the covariance of the state after
 the block, given the state before it.  G is the information of the block's samples on the state
@@ -14,9 +14,9 @@ until H is the steady-state covariance P.  By the binary digits of the record's 
 joined to later samples with information G_2.  Together they have G + B' G_2 (1 + H G_2)^-1 B.
 
 With the constant gain of P the filter is a linear recurrence.  Each channel of a sample updates
-x <- x + k (y - c x), and the prediction is x <- Phi x + g + Gamma u.  The covariance at the start
-differs from P.  This is corrected at the end, from the information of all samples on the start, see
-`_correct_start`.
+x <- x + k (y - c x), and the prediction is x <- Phi x + g + Gamma u.  The filter takes P for the
+covariance at the start, too.  The result is corrected for this at the end, exactly, from the
+information of all samples on the start (`_correct_start`).
 """
 
 from __future__ import annotations
@@ -261,7 +261,7 @@ BLOCKS = {
     "constants": NUMBERS,  # constant inputs
     "start": NUMBERS,  # (n,)
     "weights": NUMBERS,  # (K, n) weights of states in channels
-    "y": NUMBERS,  # (T, K)
+    "y": NUMBERS,  # (T, K) measured values
     "u": NUMBERS,  # (T, S or 2 S): sampled inputs and, with a first-order hold, their time slopes
     "shown": VECTORS,  # scratch (T / `BLOCK_SAMPLES` + 1, n): scores of blocks
     "out": VECTORS,  # (2 K + 1, G), see `write_steady_state`

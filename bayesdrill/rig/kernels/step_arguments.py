@@ -26,7 +26,7 @@ from bayesdrill.rig.models.friction import DIRECTION, Law, SettlingLaw
 from bayesdrill.rig.models.linear import Model
 
 # G groups of walkers, T samples, N steps (`nodes`), K channels, S sampled inputs. A step with an event
-# (zero crossing of a speed, begin of slip) has `turns` parts. `stored` is 1 if signals are stored
+# (zero crossing of a speed, beginning of slip) has `turns` parts. `stored` is 1 if signals are stored
 # instead of sums.
 COUNTS = ("groups", "samples", "nodes", "turns", "stored")
 BLOCKS = {
@@ -36,9 +36,9 @@ BLOCKS = {
     "pieces": WHOLE,  # (T,) number of steps to the next sample
     "usual": WHOLE,  # (T,) 1 if `pieces` is the usual number of steps and greater than 1
     "t": NUMBERS,  # (T,) times of samples, in steps from the first node
-    "y": NUMBERS,  # (T, K)
-    "begin": WHOLE,  # (K,) first observed sample of each channel
-    "trace": VECTORS,  # scratch (N + 1, K, 3) numbers
+    "y": NUMBERS,  # (T, K) measured values, NaN if missing
+    "begin": WHOLE,  # (K,) index of the first observed sample of each channel
+    "trace": VECTORS,  # scratch (N + 1, K, `TRACE_VALUES`), see `time_stepping`
     "out": VECTORS,  # (G, K, n) sums, or (G, T, K) numbers of signals
 }
 
