@@ -21,7 +21,7 @@ def angle_indices(model: Model) -> list[int]:
 
 
 def rotates_freely(matrix: Array, angles: Sequence[int]) -> bool:
-    """Return whether equal shifts of all angles change no rate, in all n of `matrix (n, X, X)`."""
+    """Return whether equal shifts of all angles change no rate, for each of n matrices `(n, X, X)`."""
     columns = matrix[np.isfinite(matrix).all(axis=(1, 2))][:, :, list(angles)]
     invariant = np.abs(columns.sum(axis=-1)) <= INVARIANCE_TOLERANCE * np.abs(columns).sum(axis=-1)
     return bool(invariant.all())

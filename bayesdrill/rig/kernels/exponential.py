@@ -1,8 +1,8 @@
 """Define the layout of a rig's matrix M, and compute the exponential exp(M h) over a time span h.
 
-Kernels are specialised for the layout. It does not contain an experiment's step, start, constant
-inputs and channel weights. These are arguments of kernels, so that experiments with the same layout
-share code.
+Kernels are specialised for the layout. The layout does not contain an experiment's step, start,
+constant inputs and channel weights, which are arguments of kernels. So experiments with the same
+layout share code.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ With z = (x, 1, u, du/dt) a step is x(j + 1) = E(j) z(j).  E has the first rows 
 exponential over the step (`transitions`).  A channel is a row times (x, 1).  If derivatives are
 wanted, matrices, starts, rows and delays have slopes: derivatives in a direction of the parameters.
 
-A channel with delay s shows at time t its value at t - s.  On even times, s is a whole number of
-steps minus a fraction of a step, and the row is multiplied by the exponential over this fraction.
+A late channel, with delay s, shows at time t its value at t - s.  On even times, s is a number of
+whole steps minus a fraction of one, and the row is multiplied by the exponential over this fraction.
 On uneven times the state at the knot before t - s is advanced by the remaining time, with a ladder
 of exponentials over 2^n times a width (`transitions`).  Before the start, states change linearly.
 

@@ -44,8 +44,8 @@ class LinearShape:
     """A kernel is specialised for this structure of a record.
 
     `rows (K, X)` says which states a channel shows; weights of these states, and offsets, may differ
-    between walkers. `is_delayed (K,)` says which channels are late. `uneven` says that steps differ,
-    or that there is no step. The kernel computes the sums of a `tally` or, without one, normal
+    between walkers. `is_delayed (K,)` says which channels have delays. `uneven` says that steps
+    differ, or that there is no step. The kernel computes the sums of a `tally` or, without one, normal
     equations, for which numbers have slopes (derivatives). Kernels of `SQUARES` and of normal
     equations can store signals instead. `sensed` says that starts and rows have slopes, too, as
     sensors are not perfect.

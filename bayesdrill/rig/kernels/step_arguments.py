@@ -105,10 +105,10 @@ class SteppedShape:
             at = named[gravity.angle]
             described += [index(gravity.angle), index(gravity.speed), gravity.torque(named, at)]
         if (servo := self.model.saturation) is not None:
-            opened = self.model.parameters.index(servo.duty)
+            duty = self.model.parameters.index(servo.duty)
             # Any numbers will do as arguments: only the formulas are compared, as a text.
             x, y = named[servo.row], named[servo.goal if servo.usual_supply else servo.supply]
-            described += [index(servo.row), opened, servo.voltage(named, x)]
+            described += [index(servo.row), duty, servo.voltage(named, x)]
             described.append(where(servo.is_linear(named, x), x, 0.0))
             described.append(servo.level(named))
             if servo.speed:

@@ -1,4 +1,4 @@
-"""Compute for each channel the sums of residuals that densities need."""
+"""Compute for each channel the sums over residuals, such as squares, that noise densities need."""
 
 from __future__ import annotations
 

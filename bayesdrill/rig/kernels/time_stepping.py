@@ -289,7 +289,7 @@ class Writer:
             driving[slope] = (after - reference) / self.span
 
     def _input(self, node: Integer, k: int) -> Number:
-        """Load an input; if it is late, each lane interpolates between two rows at its own lag."""
+        """Load an input; if it has a lag, each lane interpolates between two rows at its own lag."""
         b, shape, count = self.b, self.shape, len(self.shape.columns)
         name = shape.series[k % len(shape.series)]
         if name not in shape.delayed_series:
