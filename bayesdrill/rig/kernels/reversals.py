@@ -198,7 +198,7 @@ class ReversalStep:
         """
         back, most = below(speed, 0.0), sizes.along(speed)
         ahead, rate = where(back, -stop, stop), size(speed) * over
-        against = rate - ahead + most  # the effort that drives it backwards, plus sliding friction
+        against = rate - ahead + most  # v - stop, which drives backwards, plus sliding friction
         beyond = at_rest.sizes.along(speed, back=True)
         keeps, passes = above(ahead, most), above(against, most + beyond)
         turned = where(keeps, most, ahead)
@@ -255,7 +255,7 @@ class ReversalStep:
         return new
 
     def _held(self, new: list[Number], old: list[Number], slips: list[Mask]) -> list[Number]:
-        """Restore the old angles where the speeds were and are zero."""
+        """Restore the old angle in lanes in which the speed was zero and is zero."""
         for friction, moves in zip(self.step.frictions, slips, strict=True):
             if friction.angle is not None:
                 moved = moves.either(is_moving(old[friction.row]))

@@ -1,4 +1,8 @@
-"""Divide the times of a record into steps that are equal or have few distinct lengths."""
+"""Divide the times of a record into steps that are equal or have few distinct lengths.
+
+Steps of too many distinct lengths are assigned to cells.  Cell k has the lengths from k to k + 1
+times a width.  A step in this cell takes the exponential over k widths, then advances the excess.
+"""
 
 from __future__ import annotations
 
@@ -141,7 +145,7 @@ def _in_cells(t: Array, at: Whole, pieces: Whole, median: float, tolerance: floa
 
 
 def _cells(steps: Array, width: float) -> Whole:
-    """Return each index k for which a step is in cell k: between k and k + 1 times `width`."""
+    """Return the indices k of the cells that contain steps, in increasing order."""
     return np.unique(np.floor(steps / width).astype(np.int64))
 
 
