@@ -107,7 +107,7 @@ def rows_of_walkers(out: NDArray[np.float64], n: int) -> NDArray[np.float64]:
 
 @cache
 def compile_kernel(write: Callable[..., None], *structures: Any, effort: int = OPT_LEVEL) -> Kernel:
-    """Return the kernel that `write(module, *structures)` writes, from the cache if it is there.
+    """Return the kernel that `write(module, *structures)` writes, from the cache if possible.
 
     Structures are hashable. The `text` of a structure contains what the code depends on and nothing
     else, so that structures with equal texts share code. A structure may be a plain name.

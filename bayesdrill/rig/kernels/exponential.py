@@ -229,7 +229,7 @@ def store_exponential(
     increments: bool,
     beside_one: bool = True,
 ) -> None:
-    """Store the exponential e `(N, N)` of the augmented matrix; each lane (walker) has its span.
+    """Store the exponential e `(N, N)` of the augmented matrix; each lane (walker) has its own span.
 
     `numbers` are the address of parameters `(P,)` and the span. If e shall have a derivative, the
     address of the parameters' derivatives and the span's derivative follow. With `increments`, the last

@@ -73,7 +73,7 @@ class Sizes:
         return where(below(speed, 0.0), *(reversed(both) if back else both))
 
     def exceeded(self, effort: Number) -> Mask:
-        """Return in which lanes an effort is larger than the friction in its direction."""
+        """Return in which lanes an effort is larger than the size in the effort's direction."""
         return above(size(effort), self.along(effort))
 
 

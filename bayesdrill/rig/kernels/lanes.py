@@ -365,7 +365,7 @@ def routine[**P](
 ) -> Callable[Concatenate[Builder, P], None]:
     """Turn a writer of code into a function, which a module contains once and calls repeatedly.
 
-    `ir.Value` arguments become its arguments. It is specialised for all other arguments.
+    The function has those arguments that are `ir.Value`, and is specialised for all others.
     """
 
     @wraps(write)

@@ -15,7 +15,7 @@ product then computes four samples (`Transitions.join_steps`).
 If only sums of residuals are wanted, they are added up as channels are computed.  Otherwise the
 channels are stored in planes `(rows, K)`: values, then slopes in each direction.  Planes are the
 output, or are reduced to normal equations in chunks of samples that fit into the processor's cache.
-The same kernel can do both, because the code of the matrices is common, and the longest.
+One kernel has code for both, as most of its code is that of the matrices, which both need.
 """
 
 from __future__ import annotations

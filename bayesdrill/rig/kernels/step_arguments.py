@@ -50,7 +50,7 @@ class SteppedShape:
     `series` are sampled inputs; those in `delayed_series` have a lag, which depends on the walker.
     `constant` are the non-zero constant inputs. `pattern (K, R)` says which weights of channels may
     differ from zero: those of states, of 1 (the offset) and, with `efforts`, of efforts. The kernel
-    computes the sums of a `tally` or, without one, signals. If the tally is `SQUARES`, it can do
+    computes the sums of a `tally` or, without one, signals. A kernel with the tally `SQUARES` can do
     either. `dual` says that numbers have slopes (derivatives). `read` says that channels have their
     own sampling times. With `efforts`, channels are all states and efforts, in each step.
     """
@@ -211,7 +211,7 @@ class Rates:
         *,
         later: Number | None = None,
     ) -> list[Number]:
-        """Return the rates at the beginning of a step; if its span is given as `later`, at its end."""
+        """Return the rates at the beginning of a step or, if `later` is the step's span, at its end."""
         shape, first = self.shape, len(self.rows) + 1
         values: dict[int, Number] = dict(enumerate(state)) | drive
         values |= {first + len(shape.drives) + e: effort for e, effort in enumerate(efforts)}

@@ -128,7 +128,7 @@ class Coulomb:
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """Return the direction if the size differs by it."""
+        """Return `DIRECTION` if the size differs by direction."""
         return (DIRECTION,) if self.backward else ()
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
@@ -160,7 +160,7 @@ class Stribeck:
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """Return the direction if the size differs by it."""
+        """Return `DIRECTION` if the size differs by direction."""
         return (DIRECTION,) if any(self.backward) else ()
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
