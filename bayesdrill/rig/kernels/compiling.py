@@ -77,7 +77,7 @@ class BoundFunction:
         self.function(*values)
 
     def run(self, n: int, shape: tuple[int, ...], **arguments: Argument) -> NDArray[np.float64]:
-        """Call the function for n walkers; return the results `(n, *shape)` from its block `out`."""
+        """Call the function for n sets of parameters; return `(n, *shape)` from its block `out`."""
         out = np.empty((-(-n // LANES), math.prod(shape), LANES))
         self(groups=len(out), out=out, **arguments)
         return rows_of_walkers(out, n).reshape(n, *shape)

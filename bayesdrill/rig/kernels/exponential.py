@@ -2,7 +2,7 @@
 
 Kernels are specialised for the layout. The layout does not contain an experiment's step, start,
 constant inputs and channel weights, which are arguments of kernels. So experiments with the same
-layout share code.
+layout share code.  Each lane of a vector is one walker, which is a set of parameters.
 """
 
 from __future__ import annotations
@@ -229,7 +229,7 @@ def store_exponential(
     increments: bool,
     beside_one: bool = True,
 ) -> None:
-    """Store the exponential e `(N, N)` of the augmented matrix; each lane (walker) has its own span.
+    """Store the exponential e `(N, N)` of the augmented matrix; each lane has its own span.
 
     `numbers` are the address of parameters `(P,)` and the span. If e shall have a derivative, the
     address of the parameters' derivatives and the span's derivative follow. With `increments`, the last

@@ -311,8 +311,8 @@ def _root(b: Builder, number: Number) -> Number:
 STEADY_TOLERANCE = 1e-13  # relative change of a variance below which the covariance is steady
 STEADY_SLOPE_TOLERANCE = 1e-10  # same for the variance's derivative d, relative to |d| + variance
 
-# G groups of walkers, T samples, K channels, n states, M step lengths. If `lead` is 1, the start is
-# before the first sample, and the last of the M steps leads from the start to this sample.
+# G groups of walkers (sets of parameters), T samples, K channels, n states, M step lengths. If `lead`
+# is 1, the start is before the first sample, and the last of the M steps leads from it to this sample.
 COUNTS = ("groups", "samples", "steps", "lead")
 BLOCKS = {
     "parameters": VECTORS,  # (G, P) numbers

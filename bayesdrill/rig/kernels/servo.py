@@ -1,7 +1,7 @@
 """Advance a rig with a servo, whose loop is open while the servo saturates or is in its dead band.
 
 The wanted voltage at the beginning of a step selects the exact matrix of the closed or the open
-loop, for each walker.  The matrix of the closed loop includes the wanted voltage.  If the loop
+loop, for each lane (walker).  The matrix of the closed loop includes the wanted voltage.  If the loop
 opens or closes within a step, the matrix lacks a part of the voltage, which varies linearly from
 then on.  The mean of this part acts over the whole step, with an error of second order.  If a
 measured supply differs from the usual supply, the change of voltage is averaged over both ends.

@@ -16,7 +16,7 @@ class Record:
     """A record has the addresses of its samples `y (T, K)` and of `begin (K,)`.
 
     Missing samples are NaN. `begin` has the index of the first measured sample of each channel.
-    Samples are the same for all walkers, so that branches can skip the code for missing ones.
+    All walkers (sets of parameters) have the same samples, so that branches can skip missing ones.
     """
 
     b: Builder

@@ -51,9 +51,9 @@ class Stepping(NamedTuple):
 class Simulator(ABC):
     """A simulator computes the channels of an experiment; it is a frozen dataclass.
 
-    Parameters are `full (W, P)` in SI, a row for each walker, with columns in the order of
-    `parameters`: those of the `model`, then those of sensors and start. All results are
-    batch-first. If the numbers of a walker overflow, only its own row is NaN.
+    Parameters are `full (W, P)` in SI: a row for each walker (set of parameters), with columns in
+    the order of `parameters`: those of the `model`, then those of sensors and start. All results
+    are batch-first. If the numbers of a walker overflow, only its own row is NaN.
     """
 
     model: Model

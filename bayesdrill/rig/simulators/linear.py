@@ -139,7 +139,7 @@ class Response(Simulator):
     def _bind(
         self, tally: ResidualSums | None, q: int, ahead: int, *, stored: bool
     ) -> tuple[BoundFunction, int]:
-        """Return the kernel, bound to all arguments that walkers share, and the size of scratch.
+        """Return the kernel, bound to all arguments that walkers share, and the size of its scratch.
 
         There are q directions, and `ahead` further knots after the record.
         """
