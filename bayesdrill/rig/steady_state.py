@@ -11,7 +11,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual
 from bayesdrill.rig.models.linear import Model
 
-INVARIANCE_TOLERANCE = 1e-12  # of a sum, relative to the sum of absolute values
+INVARIANCE_TOLERANCE = 1e-12  # largest sum taken as zero, relative to the sum of absolute values
 MIN_SHARE = 1e-9  # smallest turn of the first angle, relative to the largest turn
 
 
@@ -21,20 +21,19 @@ def angle_indices(model: Model) -> list[int]:
 
 
 def rotates_freely(matrix: Array, angles: Sequence[int]) -> bool:
-    """Return whether equal shifts of all angles change no rate, for any of `matrix (n, X, X)`."""
+    """Return whether equal shifts of all angles change no rate, for each of n matrices `(n, X, X)`."""
     columns = matrix[np.isfinite(matrix).all(axis=(1, 2))][:, :, list(angles)]
     invariant = np.abs(columns.sum(axis=-1)) <= INVARIANCE_TOLERANCE * np.abs(columns).sum(axis=-1)
     return bool(invariant.all())
 
 
 def free_turn(matrix: Array, angles: Sequence[int]) -> Array | None:
-    """Return each angle's turn in free rotation, relative to the first; None if rotation is resisted.
+    """Return how far each angle turns for one turn of the first; None if the rig cannot turn freely.
 
     Gears within a drive train make these ratios differ from one.
     """
-    alike = np.ones(len(angles))
     if rotates_freely(matrix, angles):
-        return alike
+        return np.ones(len(angles))
     columns = matrix[np.isfinite(matrix).all(axis=(1, 2))][:, :, list(angles)]
     turn = np.linalg.svd(columns[0])[2][-1]
     if abs(turn[0]) < MIN_SHARE * np.abs(turn).max():
@@ -77,8 +76,8 @@ def equilibrium(matrix: Array, forcing: Array) -> Array:
 def states(matrix: Any, forcing: Any, angles: Sequence[int], turn: Array | None) -> Any:
     """Return the steady state `(n, X)`; its first angle is zero if the rig turns freely.
 
-    `turn` is the result of `free_turn` for the matrix. Matrix and forcing may both have slopes:
-    those of the state follow from A x = -f, as A x_dot = -(f_dot + A_dot x).
+    `turn` is the result of `free_turn` for the matrix. Matrix and forcing may both be `Dual`: the
+    derivative of A x = -f is A x_dot = -(f_dot + A_dot x), which gives the slope of the state.
     """
     if isinstance(matrix, Dual):
         here = states(matrix.value, forcing.value, angles, turn)

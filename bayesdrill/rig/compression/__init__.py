@@ -9,8 +9,8 @@ The filters run once over the whole record. Their outputs are columns of a matri
 decomposition reduces to a triangle R of some fifty rows. From then on a rig is given by some fifty
 coefficients c, minus those of a reference. Its sum of squared residuals is |r - R c|^2 plus a
 constant, with the projected residuals r of the reference. So a million samples take no longer than
-a thousand. The truncation error has a bound for each walker. If this bound is too large, the exact
-simulator is used.
+a thousand. The truncation error has a bound for each walker (set of parameters). If this bound is
+too large, the exact simulator is used.
 
 `basis` chooses poles and computes the triangle. `basis_kernel` writes the code that expands a rig,
 and `sums_kernel` that of sums and normal equations. `simulator` has the resulting `Simulator`.

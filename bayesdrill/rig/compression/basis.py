@@ -20,11 +20,11 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.rig.compression.basis_kernel import PAIR, REAL, ROUNDS, ROWS, PoleNumbers
 
 BLOCK = 1 << 14  # samples that are filtered at a time
-ROWS_AT_ONCE = 16  # rows added by a QR decomposition, divided by columns; they fit into the cache
-MAX_ORDER = 30  # largest order of a pole; with more functions the exact response costs less
+ROWS_AT_ONCE = 16  # (rows per QR decomposition) / columns: so few that they fit into the cache
+MAX_ORDER = 30  # largest `Pole.order`; with more functions the exact response costs less
 MAX_SHARED = 1e-9  # largest effect of an integrator on rates, relative to that of other states
 NEARLY_ONE = 0.3  # relative distance of real modes below which they are treated as a pair
-LEAST_TURN = 0.25  # least rotation or shear of a pair, relative to its decay or distance from -1
+LEAST_TURN = 0.25  # least rotation or shear of a pair / min(its decay, its distance from -1)
 UNKNOWN = "the poles of the rig are too uncertain"
 
 
@@ -111,10 +111,10 @@ def _shared_integrators(rates: Array) -> Array:
     _, singular, turned = np.linalg.svd(rows, full_matrices=True)
     singular = np.append(singular, np.zeros(len(turned) - len(singular)))
     null = turned[singular < MAX_SHARED * singular[0]].T
-    if null.shape[1] == 1:  # a common rotation of all angles: make equal ones exactly equal
+    if null.shape[1] == 1:  # a common rotation of all angles: make equal entries exactly equal
         null = null / null[np.argmax(np.abs(null[:, 0])), 0]
-        near = np.round(null)
-        null = np.where(np.abs(null - near) < MAX_SHARED, near, null)
+        rounded = np.round(null)
+        null = np.where(np.abs(null - rounded) < MAX_SHARED, rounded, null)
     return np.asarray(null)
 
 
@@ -171,8 +171,8 @@ def _chosen(poles: list[complex], values: Array, neglected: float) -> Iterator[P
         middle = complex((1.0 + middle.real) - 1.0, middle.imag)
         if abs(1.0 + middle) >= 1.0:
             raise CompressionError(UNKNOWN)
-        share = float(_passed(middle, mine).max())
-        order = 1 if share == 0.0 else 1 + math.ceil(math.log(neglected) / math.log(share) / ROUNDS)
+        ratio = float(_passed(middle, mine).max())
+        order = 1 if ratio == 0.0 else 1 + math.ceil(math.log(neglected) / math.log(ratio) / ROUNDS)
         if order > MAX_ORDER:
             raise CompressionError(UNKNOWN)
         yield Pole(middle, order)
@@ -184,7 +184,7 @@ def _least_turn(real: float) -> float:
 
 
 def _passed(mu: complex, values: Array) -> Array:
-    """Return the fraction of each mode, given by its `mu`, that remains after a function of the pole."""
+    """Return the fraction of modes with `values` (pole - 1) that remains after a function of `mu`."""
     numbers = PoleNumbers.of_pole(mu)
     over = np.polynomial.polynomial.polyval(values, numbers.denominator)
     first, second, third = numbers.all_pass
@@ -235,11 +235,11 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class Triangle:
-    """The triangles give sums of squares of residuals, of their increments, and of both end ones.
+    """The triangles give sums of squares: of residuals, of increments, and of both end residuals.
 
     `matrix (sums, K', n, n)` has a triangle for each of K' groups of channels that were observed at
     the same times. `projected (K, sums, n + 1)` has, for each channel, the projection of the
-    reference's residuals on the columns. Its last entry is the sum of squares orthogonal to them.
+    reference's residuals on the columns, then the sum of squares of the part orthogonal to them.
     """
 
     matrix: Array
@@ -283,16 +283,16 @@ def triangle(
     that share a triangle.
     """
     parts = [_Rows([np.zeros((0, columns + k.stop - k.start))] * sums) for k in groups]
-    for block, left in blocks:
+    for block, residuals in blocks:
         for k, part in zip(groups, parts, strict=True):
-            rows = np.concatenate([block, left[:, k]], axis=1)
+            rows = np.concatenate([block, residuals[:, k]], axis=1)
             part.add(rows[~np.isnan(rows[:, -1])])
     padded = columns + -columns % ROWS
     matrix = np.zeros((sums, len(parts), padded, padded))
     projected = np.zeros((groups[-1].stop, sums, padded + 1))
     for (n, k), v in itertools.product(enumerate(groups), range(sums)):
-        upper, rest = np.split(parts[n].triangles[v], [columns])
+        upper, lower = np.split(parts[n].triangles[v], [columns])
         matrix[v, n, : len(upper), :columns] = upper[:, :columns]
         projected[k, v, : len(upper)] = upper[:, columns:].T
-        projected[k, v, padded] = (rest[:, columns:] ** 2).sum(axis=0)
+        projected[k, v, padded] = (lower[:, columns:] ** 2).sum(axis=0)
     return Triangle(matrix, projected)

@@ -1,14 +1,14 @@
 """Expand the response of a linear rig in orthonormal rational functions, and differentiate it.
 
 The poles of the functions are near those of the rig (Takenaka 1925, Malmquist 1926; for complex
-pairs Kautz 1954).  For a pole a and any pole l of a rig
+pairs Kautz 1954).  For a pole a of the functions and any pole l of a rig
 
     1 / (z - l) = (1 - a^2) / ((z - a) (1 - a l)) + (1 - a z) / (z - a) (l - a) / (1 - a l) / (z - l)
 
 The last term is again the response 1 / (z - l), to an input that has passed an all-pass.  It is
-smaller by the factor |l - a| / |1 - a l|.  The code has the matrix F = Phi - 1 of a walker in place
-of l - 1.  So it needs no eigenvalues, and poles may coincide.  The remainder after the last
-function has a bound.  Formulas use F and not Phi, which saves digits at a high sampling rate.
+smaller by the factor |l - a| / |1 - a l|.  In place of l - 1, the code has the matrix F = Phi - 1 of
+a walker (a set of parameters).  So it needs no eigenvalues, and poles may coincide.  The remainder
+after the last function has a bound.  F instead of Phi saves digits at a high sampling rate.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from bayesdrill.rig.kernels.numbers import (
     product,
 )
 
-REAL, PAIR = 1, 2  # coordinates, and functions per order, of a real pole and of a complex pair
+REAL, PAIR = 1, 2  # number of coordinates, and of functions per order: real pole, complex pair
 ROWS = 4  # rows of the triangle that are multiplied at a time
 # Rounds through all poles. The second round expands the remainder of the first, and its rounding
 # errors are as small as this remainder.
@@ -47,10 +47,10 @@ ROUNDS = 2
 class BasisShape:
     """Kernels are specialised for this structure.
 
-    `slopes` says that numbers have slopes. `poles` has the number of coordinates of each pole, in
-    the order of modal coordinates. Before them are `integrators`, coordinates on which no rate
-    depends. `impulse` says that the rig moves because of its start. `channels` is K. `sums` is 1
-    for the squares of residuals of each channel, and 3 with those of increments and both ends.
+    `slopes` says that numbers have derivatives. On the first `integrators` modal coordinates no rate
+    depends. `poles` has the number of coordinates of each pole, in the order in which they follow.
+    `impulse` says that the rig moves because of its start. `channels` is K. `sums` is the number of
+    sums per channel: 1 for squared residuals, 3 with squared increments and both end residuals.
     """
 
     layout: Layout
@@ -88,7 +88,7 @@ class BasisShape:
 
     @property
     def sources(self) -> list[str]:
-        """Return the sources of the drive: the `impulse` of the start, a `constant` one, each series."""
+        """Return what drives the rig: `impulse` (the start), `constant` (a forcing), each series."""
         series = [f"series {s}" for s in range(self.layout.n_series)]
         return ["impulse"] * self.impulse + ["constant"] * self.constant + series
 
@@ -109,23 +109,23 @@ class BasisShape:
 
     def scratch_size(self, columns: int, q: int = 0) -> int:
         """Return how many vectors the scratch memory has."""
-        jets, products = 2 if self.slopes else 1, (1 + q) * self.channels * self.sums * columns
-        return self.coefficients_at + jets * self.channels * columns + products + ROWS
+        width, products = 2 if self.slopes else 1, (1 + q) * self.channels * self.sums * columns
+        return self.coefficients_at + width * self.channels * columns + products + ROWS
 
     @property
     def coefficients_at(self) -> int:
         """Return how many vectors precede the coefficients: an exponential, and matrices of poles."""
-        jets = 2 if self.slopes else 1
-        return (self.layout.size**2 + 3 * len(self.poles) * self.decaying**2) * jets
+        width = 2 if self.slopes else 1
+        return (self.layout.size**2 + 3 * len(self.poles) * self.decaying**2) * width
 
 
 @dataclass(frozen=True, slots=True)
 class PoleNumbers:
     """A real pole a = 1 + mu, or a complex pair, has these numbers.
 
-    With M = `denominator` . (1, F, F^2), a pair has functions with the coefficients `even_gain` (2 + F)
-    / M and - `odd_gain` F / M; a real pole has `even_gain` / M. The `all_pass` (a, b, c) is
-    a + (b + c F) / M. Rounding errors are smallest in this form if other modes are far faster or slower.
+    With M = `denominator` . (1, F, F^2), a pair has the functions `even_gain` (2 + F) / M and
+    -`odd_gain` F / M. A real pole has `even_gain` / M. The `all_pass` (p, q, r) is p + (q + r F) / M.
+    Rounding errors are smallest in this form if other modes are far faster or slower.
     """
 
     denominator: tuple[float, float, float]
@@ -135,7 +135,7 @@ class PoleNumbers:
 
     @classmethod
     def of_pole(cls, mu: complex) -> PoleNumbers:
-        """Return the numbers of a real pole, or of the pair of a complex one."""
+        """Return the numbers of a real pole, or of a complex pole with its conjugate."""
         m, size = mu.real, abs(mu) ** 2
         if mu.imag == 0.0:
             a = 1.0 + m
@@ -184,7 +184,7 @@ class ExponentialEntries:
     e: ir.Value
 
     def __call__(self, i: int, column: int) -> Number:
-        """Return an entry, with its slope if numbers have slopes."""
+        """Return an entry, with its derivative if numbers have slopes."""
         layout, kind = self.shape.layout, Numbers(self.b, self.shape.slopes)
         reached = layout.reachable[i][column]
         return kind.get(self.e, i * layout.size + column) if reached else kind.zero()
@@ -231,7 +231,7 @@ class BasisExpansion:
         return [error.value for error in self.errors]
 
     def begin(self, rates: Matrix, rows: Matrix) -> None:
-        """Prepare walkers with the matrix F `(X, X)`, and rows `(K, X)` of channels over states."""
+        """Prepare walkers with F, `rates (X, X)`, and `rows (K, X)`: weights of states in channels."""
         x, d = self.shape.layout.n_states, self.shape.integrators
         for base in self.coefficients.bases:
             self.b.clear(base, self.count)
@@ -250,16 +250,15 @@ class BasisExpansion:
     def add_source(self, column: ir.Value, drive: list[Number], size: Number) -> ir.Value:
         """Store the coefficients of a source from `column` on; return the next column.
 
-        `drive (X,)` is its effect on the states. `size` is its norm over all samples, for the
-        `errors`.
+        `drive (X,)` is the source's effect on the states, and `size` its norm over all samples.
         """
         d, modes = self.shape.integrators, applied(self.frame.duals, drive)
         for n in range(d):
             lost = dot([-entry for entry in self._carried[n]], modes[d:], modes[n])
             lost_shown = [multiply_add(row[n], lost, None) for row in self._shown]
             column = self.store(column, lost_shown)
-        column, left = self._expand(column, modes[d:])
-        self.errors = self._bound.add(self.errors, left, size)
+        column, remainder = self._expand(column, modes[d:])
+        self.errors = self._bound.add(self.errors, remainder, size)
         return column
 
     def _drive(self, source: str, start: list[Number], rates: Matrix) -> list[Number]:
@@ -281,7 +280,7 @@ class BasisExpansion:
         held = [self.entry(i, x + 1 + s) for i in range(x)]
         if not layout.first_order:
             return held
-        # As u(k + 1) - u(k) is (z - 1) u, the columns of increments act like F times themselves.
+        # As u(k + 1) - u(k) is (z - 1) u, a column of increments acts like F times this column.
         moved = applied(rates, self._increment(s))
         return [a + c for a, c in zip(held, moved, strict=True)]
 
@@ -290,7 +289,7 @@ class BasisExpansion:
         return [self.entry(i, x + 1 + layout.n_series + s) for i in range(x)]
 
     def _store_matrices(self, fall: Matrix) -> None:
-        """Store for each pole the matrices of its functions, see the docstring of the module."""
+        """Store for each pole the matrices of its functions, see `PoleNumbers`."""
         square = product(fall, fall) if PAIR in self.shape.poles else []
         powers = [[*zip(*rows, strict=True)] for rows in zip(fall, square or fall, strict=True)]
         for index, size in enumerate(self.shape.poles):
@@ -360,8 +359,8 @@ class _RemainderBound:
     """The bound is that of a walker's response to an input that is the remainder of the series.
 
     For a diagonal block T of modal coordinates, |(z - T)^-1| <= 1 / (1 - |T|) on the unit circle.
-    The coupling between blocks is at most Q. It adds up to (1 - Q)^-1, which is a bound only if it
-    has no negative entry. Coordinates are first turned towards the walker's modes to make Q small.
+    The coupling between blocks is at most Q. Repeated coupling sums to (1 - Q)^-1, a bound only if
+    no entry is negative. Coordinates are first turned towards the walker's modes to make Q small.
     """
 
     def __init__(
@@ -397,18 +396,18 @@ class _RemainderBound:
         turn = plus([[self._zero] * len(values) for _ in values], self._one)
         for block, other in itertools.permutations(self._blocks, 2):
             pairs = ((block, block), (block, other), (other, other), (other, block))
-            apart = _solve_sylvester(*(_part(values, *pair) for pair in pairs))
+            solution = _solve_sylvester(*(_part(values, *pair) for pair in pairs))
             for (i, row), (j, column) in itertools.product(enumerate(block), enumerate(other)):
-                turn[row][column] = apart[i][j]
+                turn[row][column] = solution[i][j]
         return turn
 
     def _lengths(self, row: Sequence[Number]) -> list[Number]:
         """Return the length of each block of a vector."""
         return [_length([row[i] for i in block]) for block in self._blocks]
 
-    def add(self, errors: list[Number], left: Sequence[Number], size: Number) -> list[Number]:
+    def add(self, errors: list[Number], remainder: Sequence[Number], size: Number) -> list[Number]:
         """Return the bounds `(K,)` plus that of a source, whose input has the norm `size`."""
-        lengths = self._lengths([dot(row, _values(left)) for row in self._back])
+        lengths = self._lengths([dot(row, _values(remainder)) for row in self._back])
         pairs = zip(errors, self._shares, strict=True)
         return [error + size * dot(lengths, shares) for error, shares in pairs]
 

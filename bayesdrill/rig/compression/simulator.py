@@ -1,8 +1,8 @@
 """Simulate a linear rig by the QR triangle R of a record, in a time independent of its length.
 
-`CompressedSimulator` is the second implementation of a simulator. Sums of squares and their normal
-equations come from the record's triangle (`basis`) for each walker whose truncation bound is small
-enough. Results for other walkers, and all other results, come from the exact simulator.
+`CompressedSimulator` computes sums of squares and their normal equations from the record's triangle
+(`basis`) for each walker (set of parameters) whose truncation bound is small enough. For other walkers,
+and for all other results, it calls the exact simulator.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class Compression:
 
 @dataclass(frozen=True, eq=False)
 class CompressedSimulator(Simulator):
-    """The simulator uses the record's triangle, or is `uncompressed` if errors may be too large."""
+    """The simulator uses the record's triangle or, if errors may be too large, `uncompressed`."""
 
     model: Model
     experiment: Experiment
@@ -154,7 +154,7 @@ class CompressedSimulator(Simulator):
         sums, sizes = np.split(numbers, [self._k * self._shape.sums], axis=1)
         sums = sums.reshape(-1, self._k, self._shape.sums)
         with np.errstate(all="ignore"):
-            # Sum 2 is that of squared increments, and an increment has the errors of two samples.
+            # The second sum is of squared increments, and an increment has the errors of two samples.
             sizes = sizes[..., None] * np.array([1.0, 2.0, 1.0])[: self._shape.sums]
             return sums, 2.0 * np.sqrt(sums) * sizes + sizes**2
 
@@ -186,7 +186,7 @@ class CompressedSimulator(Simulator):
     def exceeds_limit(self, sums: Array, errors: Array) -> Flags:
         """Return for which walkers `(W,)` the errors of sums `(W, K, sums)` may be too large.
 
-        A sum's error may be `tolerance` + `TOLERANCE` * the sum's distance from the reference's.
+        A sum may have an error of `tolerance` + `TOLERANCE` * |sum - reference's sum|.
         """
         projected = self.compression.record.projected
         least = (projected[..., :-1] ** 2).sum(axis=-1) + projected[..., -1]
@@ -240,13 +240,13 @@ class CompressedSimulator(Simulator):
     def _run(self, blocks: dict[str, Array], q: int = 0) -> tuple[Array, Array]:
         """Run the kernel on blocks `(W, ...)`; returns its numbers `(W, n)`, and scratch."""
         known, n = self.compression, len(blocks["walkers"])
-        _, alike, columns, _ = known.record.matrix.shape
+        _, n_triangles, columns, _ = known.record.matrix.shape
         shape, size = self._slopes_shape if q else self._shape, columns**2
         grouped = {name: in_groups(block) for name, block in blocks.items()}
         scratch = np.empty((shape.scratch_size(columns, q), LANES))
-        channel, width = size if alike > 1 else 0, self._k * (shape.sums + 1) + q + q * q
+        channel, width = size if n_triangles > 1 else 0, self._k * (shape.sums + 1) + q + q * q
         function = compile_kernel(write_sums, shape).bind("sums", columns=columns, **known.blocks)
-        counts = {"channel": channel, "sum": alike * size, "q": q}
+        counts = {"channel": channel, "sum": n_triangles * size, "q": q}
         return function.run(n, (width,), scratch=scratch, **counts, **grouped), scratch
 
 
@@ -275,7 +275,7 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
         rates = ObservedWalkers(sensors, points).system[0]
     sizes = np.linalg.norm(record.inputs(0, record.n_knots) - record.first_inputs, axis=0)
     n = np.array(simulator.experiment.counts, dtype=float)
-    usual = np.stack([n, 4.0 * n, np.full(len(n), 2.0)], axis=1)[:, :sums]
+    expected = np.stack([n, 4.0 * n, np.full(len(n), 2.0)], axis=1)[:, :sums]
     tolerance = 2.0 * TOLERANCE / np.maximum(np.abs(weights), LEAST) / weights.size
     for digits in RESPONSE_DIGITS:  # until the bound is small enough at nearly all points
         basis = choose_basis(rates, record.step, 10.0**-digits)
@@ -284,7 +284,7 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
             impulse=sensors.sensing.may_move(sensors.experiment.start, angles=()), sums=sums,
         )  # fmt: skip
         # The residuals of the reference are taken as noise.
-        nothing.record.projected[..., -1] = variances[:, None] * usual
+        nothing.record.projected[..., -1] = variances[:, None] * expected
         made = nothing.applied(simulator)
         if np.mean(made.exceeds_bound(points)) <= MAX_BEYOND:
             break
@@ -306,7 +306,7 @@ def column_blocks(
     """
     still = np.array([[0.0] * shape.impulse + [1.0] * shape.constant])
     driven, direct = Columns(basis), shape.layout.first_order
-    if shape.impulse:  # acts one sample before the first
+    if shape.impulse:  # the impulse acts one sample before the first
         driven.block(np.eye(1, len(shape.sources)))
     for inputs, residuals in left:
         for first in range(0, len(inputs), BLOCK):

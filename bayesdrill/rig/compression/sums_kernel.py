@@ -48,11 +48,12 @@ def _projections(
 def write_sums(module: Module, shape: BasisShape) -> None:
     """Write the kernel `sums`, whose arguments are `COUNTS` and the addresses of `BLOCKS`.
 
-    `walkers (G, P + X + K (X + 1), LANES)` are parameters, start and channel rows of G groups.
-    `columns` is n, a multiple of `ROWS`.  `channel` is the distance between the triangles `(n, n)`
-    of two channels, zero if they share one, and `sum` is that between two sums.  `numbers` are step
-    and constant inputs.  `projected (K, sums, n + 1)` has the reference's projected residuals, and
-    the rest's sum of squares.  `out (G, K sums + K, LANES)` has sums and truncation bounds.
+    There are G groups of walkers (sets of parameters).  `walkers (G, P + X + K (X + 1), LANES)` has P
+    parameters, X start values, and the rows of K channels.  `columns` is n, a multiple of `ROWS`.
+    `channel` is the distance in memory between the triangles `(n, n)` of two channels, zero if they
+    share one, and `sum` is that between two sums.  `numbers` are step and constant inputs.
+    `projected (K, sums, n + 1)` is that of `Triangle`.  `out (G, K sums + K, LANES)` has sums and
+    truncation bounds.
 
     With slopes, `directions (G, q, P + ..., LANES)` are slopes of the walkers' numbers in q
     directions, and `weights (G, K sums, LANES)` are weights of the sums.  The results of

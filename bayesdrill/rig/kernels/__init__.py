@@ -1,5 +1,5 @@
-"""All simulators are based on compiled kernels, which compute eight walkers side by side.
+"""All simulators are based on kernels, which compute 8 walkers (sets of parameters) side by side.
 
 `linear` is for linear rigs, `time_stepping` for friction, `kalman_filter` for a latent torque.
-Kernels know no experiment: its shapes and constants are arguments.
+A kernel serves many experiments: their samples, times and constants are arguments.
 """

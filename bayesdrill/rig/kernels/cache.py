@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-CACHE_VARIABLE = "BAYESDRILL_CACHE"  # environment variable that names another folder, or ...
-CACHE_OFF = "off"  # ... switches the cache off, as `0` does
+CACHE_VARIABLE = "BAYESDRILL_CACHE"  # environment variable: another folder, or `CACHE_OFF`
+CACHE_OFF = "off"  # switches the cache off, as `0` does
 MAX_FILES, MAX_BYTES = 4000, 256 * 1024**2  # upper limits of the whole cache
 _DIGEST_BYTES = hashlib.sha256().digest_size
 # Names of the cache's files; files with other names are never touched.
@@ -41,7 +41,7 @@ class CodeCache:
         try:
             with self._opened() as folder, _owned_file(_name(key), folder) as file:
                 content = file.read()
-                with suppress(OSError):  # mark as used last: others are removed first
+                with suppress(OSError):  # mark as used just now, so that others are removed first
                     os.utime(file.fileno())
         except FileNotFoundError:
             return None
@@ -118,7 +118,7 @@ class CodeCache:
 
 
 def user_cache(environment: Mapping[str, str] = os.environ) -> CodeCache:
-    """Return the user's cache, in the folder of the environment variable or else of the system."""
+    """Return the cache in the folder that `CACHE_VARIABLE` names, or else in the system's folder."""
     named = environment.get(CACHE_VARIABLE, "")
     if named.lower() in (CACHE_OFF, "0"):
         return CodeCache(None)

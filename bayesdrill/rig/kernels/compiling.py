@@ -32,8 +32,8 @@ from bayesdrill.rig.kernels.lanes import LANES, Module
 # The passes of LLVM that make kernels faster. All other passes would double the time to compile
 # without a gain: kernels have no superfluous branches or small functions, and are vectorised.
 PASSES = ("sroa", "instruction_combine", "simplify_cfg")
-# LLVM's optimisation levels. The higher level takes a quarter more time to compile. It makes
-# kernels that consist of few loops, limited by arithmetic, 2 to 3 % faster, and no others.
+# LLVM's optimisation levels. The higher level takes a quarter more time to compile. It makes only
+# those kernels faster, by 2 to 3 %, that consist of few loops and are limited by arithmetic.
 OPT_LEVEL, HIGH_OPT_LEVEL = 1, 2
 Argument = NDArray[Any] | int  # a block, its address, or a count
 PIECE = 4096  # numbers per walker that are copied at once, so that they fit into the cache
@@ -48,7 +48,7 @@ class Kernel:
     engine: Any = field(repr=False)
 
     def bind(self, name: str, **arguments: Argument) -> BoundFunction:
-        """Return a function that has these `arguments` in all calls; others are zero by default."""
+        """Return a function with these `arguments`; others are zero unless a call gives them."""
         places = {argument: place for place, argument in enumerate(self.arguments[name])}
         values = [address(arguments.get(argument, 0)) for argument in places]
         return BoundFunction(self, self.functions[name], values, places, arguments)
@@ -58,7 +58,7 @@ class Kernel:
 class BoundFunction:
     """A bound function has the `values` of a function's arguments; `positions` are their positions.
 
-    Values are counts and addresses of blocks. Finding the address of a block takes as long as
+    Values are counts and addresses of blocks (arrays). Finding the address of a block takes as long as
     simulating some samples. So it is done once for blocks that are the same in all calls.
     """
 
@@ -77,7 +77,7 @@ class BoundFunction:
         self.function(*values)
 
     def run(self, n: int, shape: tuple[int, ...], **arguments: Argument) -> NDArray[np.float64]:
-        """Call the function for n walkers; return the results `(n, *shape)` from its block `out`."""
+        """Call the function for n sets of parameters; return `(n, *shape)` from its block `out`."""
         out = np.empty((-(-n // LANES), math.prod(shape), LANES))
         self(groups=len(out), out=out, **arguments)
         return rows_of_walkers(out, n).reshape(n, *shape)
@@ -107,7 +107,7 @@ def rows_of_walkers(out: NDArray[np.float64], n: int) -> NDArray[np.float64]:
 
 @cache
 def compile_kernel(write: Callable[..., None], *structures: Any, effort: int = OPT_LEVEL) -> Kernel:
-    """Return the kernel that `write(module, *structures)` writes, from the cache if it is there.
+    """Return the kernel that `write(module, *structures)` writes, from the cache if possible.
 
     Structures are hashable. The `text` of a structure contains what the code depends on and nothing
     else, so that structures with equal texts share code. A structure may be a plain name.

@@ -1,8 +1,8 @@
 """Define the layout of a rig's matrix M, and compute the exponential exp(M h) over a time span h.
 
-Kernels are specialised for the layout. It does not contain an experiment's step, start, constant
-inputs and channel weights. These are arguments of kernels, so that experiments with the same layout
-share code.
+Kernels are specialised for the layout. The layout does not contain an experiment's step, start,
+constant inputs and channel weights, which are arguments of kernels. So experiments with the same
+layout share code.  Each lane of a vector is one walker, which is a set of parameters.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ from bayesdrill.rig.models.linear import Model
 Entries = Callable[[Sequence[Any]], Sequence[tuple[int, int, Any]]]
 Pattern = tuple[tuple[bool, ...], ...]
 Registers = dict[tuple[int, int], ir.Value]  # entries by (row, column)
-MOST_WRITTEN_OUT = 10  # largest number of states whose products are unrolled
+MOST_WRITTEN_OUT = 10  # largest number of states for which matrix products are unrolled
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
     """The layout describes the augmented N x N matrix of a rig, for which kernels are specialised.
 
-    `entries(numbers)` returns (row, column, value) of the entries; values at one place are added.
+    `entries(numbers)` returns (row, column, value) of the entries; values of one entry are added.
     The numbers are `n_parameters` parameters, then `n_constants` constant inputs. The columns are X
-    states, the constant 1, `n_series` sampled inputs and, for a first-order hold, slopes.
+    states, the constant 1, `n_series` sampled inputs and, for a first-order hold, their time slopes.
     """
 
     n_parameters: int
@@ -108,7 +108,7 @@ class Layout:
 
     @property
     def is_zero_column(self) -> tuple[bool, ...]:
-        """Return which columns are zero; the exponential has one on the diagonal of such a column."""
+        """Return which columns are zero; the diagonal of the exponential is 1 in such a column."""
         return tuple(not column for column in self._pattern.any(axis=0))
 
     @property
@@ -123,7 +123,7 @@ class Layout:
     ) -> Sequence[tuple[int, int, Any]]:
         """Return the entries at constant inputs `(C,)` and parameters `(P,)`, given by addresses.
 
-        `parameters` are the addresses of the parameters' values and, with slopes, of their slopes.
+        `parameters` are the addresses of the parameters' values and, if wanted, of their derivatives.
         """
         numbers = map(Blocks(b, parameters).get, range(self.n_parameters))
         return self.entries([*numbers, *(number(b, constants, c) for c in range(self.n_constants))])
@@ -137,7 +137,7 @@ def number(b: Builder, base: ir.Value, index: int) -> Vector:
 def addresses(
     b: Builder, block: ir.Value, group: ir.Value, sizes: Mapping[str, int]
 ) -> dict[str, ir.Value]:
-    """Return the addresses of a group's consecutive parts; `sizes` has the vectors of each part."""
+    """Return the addresses of a group's consecutive parts, whose numbers of vectors are `sizes`."""
     starts, start = {}, b.offset(block, b.mul(group, sum(sizes.values())))
     for name, size in sizes.items():
         starts[name], start = start, b.offset(start, size)
@@ -185,7 +185,7 @@ def present(constant: Mapping[str, float]) -> dict[str, float]:
 
 
 def formulas(count: int, evaluate: Callable[[Sequence[Vector]], Any]) -> str:
-    """Return one text with the code of formulas of `count` numbers, and their results by name.
+    """Return a text with the code of formulas of `count` numbers, and the names of their results.
 
     Equal formulas have equal texts, wherever they are defined.
     """
@@ -231,24 +231,24 @@ def store_exponential(
 ) -> None:
     """Store the exponential e `(N, N)` of the augmented matrix; each lane has its own span.
 
-    `numbers` are the address of parameters `(P,)` and the span. For an exponential with slopes, the
-    address of the parameters' slopes and the slope of the span follow. With `increments`, the last
+    `numbers` are the address of parameters `(P,)` and the span. If e shall have a derivative, the
+    address of the parameters' derivatives and the span's derivative follow. With `increments`, the last
     columns belong to the increments of inputs over the span, else to their time derivatives.
     `beside_one=False` stores e - 1, which keeps more digits for short spans.
 
     The method is scaling and squaring (Moler and Van Loan 2003): a Taylor series of degree 16, then
-    as many squarings as each lane needs. Both compute e - 1. If another state is very fast, the
-    span of the series is short, and adding 1 would round off the small change of a slow state.
+    as many squarings as each lane needs. Both compute e - 1: if one state is very fast, the span of
+    the series is short, and adding 1 would round off the small change of a slow state.
     """
     parameters, span, *changes = numbers
     memory, n = Numbers(b, bool(changes)), layout.size
     (length,) = memory.shaped([span, *changes[1:]])
     values: dict[tuple[int, int], Number] = {}
     for row, column, value in layout.matrix(b, constants, parameters, *changes[:1]):
-        # With increments, the rows of inputs hold for a span of any length.
+        # With increments, the rows of inputs are the same for all spans.
         timed = value if increments and row >= layout.n_states else value * length
         values[row, column] = values.get((row, column), 0.0) + timed
-    # The norm of A is enough: the series of M converges if that of A does.
+    # The norm of the block A of states is enough: the series of M converges if that of A does.
     plain, states = value_registers(values), range(layout.n_states)
     if layout.large:  # balancing saves squarings, which take long for large matrices
         norm = emit_balanced_norm(b, layout.n_states, plain)
@@ -257,7 +257,7 @@ def store_exponential(
     halvings = emit_halvings(b, norm, TAYLOR_NORM)
     factor = Vector(b, emit_power(b, b.sub(_EXPONENT_BIAS, halvings)))
     short = {place: value * factor for place, value in values.items()}
-    # Entries in reach are added in loops: unrolled code would double the time to compile.
+    # Reachable entries are added in loops: unrolled code would double the time to compile.
     places = np.flatnonzero(np.repeat(np.array(layout.reachable), memory.width))
     reached = constant_table(b.module, places.tolist())
     memory.clear(e, n * n)
@@ -352,7 +352,7 @@ def emit_power(b: Builder, exponent: ir.Value) -> ir.Value:
 
 
 def emit_halvings(b: Builder, norm: ir.Value, bound: float) -> ir.Value:
-    """Return the smallest h with norm / 2**h <= `bound` from 0 to 60, by the bits of norm / bound."""
+    """Return the smallest h from 0 to 60 with norm / 2**h <= `bound`, by the bits of norm / bound."""
     bits = b.bitcast(b.fdiv(norm, vector(bound)), INT_VEC)
     exponent = b.sub(b.lshr(bits, _MANTISSA_BITS), _EXPONENT_BIAS)
     mantissa = b.and_(bits, (1 << _MANTISSA_BITS) - 1)
@@ -378,10 +378,7 @@ def multiply_reached(
     *,
     slopes: bool = False,
 ) -> None:
-    """Store the product of two matrices `(N, N)`, computing only entries in reach.
-
-    Consecutive rows with the same reach are computed in a loop.
-    """
+    """Store the product of two matrices `(N, N)`, only in entries that are `Layout.reachable`."""
     n, reach, memory = layout.size, layout.reachable, Numbers(b, slopes)
     if layout.large:
         multiply_large(b, out, left, right, (n, n, n), slopes=slopes)
@@ -411,8 +408,8 @@ def emit_balanced_norm(b: Builder, x: int, values: Registers) -> ir.Value:
     for row in range(x):
         terms = [(size[row, c], scale) for c, scale in enumerate(scales) if (row, c) in size]
         total = b.add_products(terms)
-        share = b.fdiv(total, scales[row])
-        norm = b.select(b.fcmp_unordered(">", share, norm), share, norm)
+        row_sum = b.fdiv(total, scales[row])
+        norm = b.select(b.fcmp_unordered(">", row_sum, norm), row_sum, norm)
         known = b.fcmp_ordered(">", total, vector(0.0))
         new.append(b.select(known, b.root(b.fmul(total, scales[row])), scales[row]))
     best = b.select(b.fcmp_unordered("<", norm, best), norm, best)

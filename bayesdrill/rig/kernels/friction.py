@@ -1,12 +1,16 @@
 """Advance a rig with friction by a step in which each friction keeps slipping or sticking.
 
+In such a step the rig is linear (`FrictionMode`), and each new state is the product with a row:
+
     x_i+ = rows[i] (x, 1, drive, sizes of varying frictions)
 
-As long as each friction slips in one direction or sticks, the rig is linear, in a `FrictionMode`.
+An effort is the torque of a friction, or a voltage drop.  Numbers are vectors, and each lane of a
+vector is one walker (a set of parameters).
+
 A slipping friction of constant size is part of the constant forcing.  A sticking friction has the
 effort that keeps its speed at zero, which is linear in the other states.  So the row of its speed
 is zero, and the row of its angle keeps the angle.  The rows of a mode are kept in memory, as they
-change rarely.
+change rarely.  They follow from the step of the rig with constant efforts f of frictions:
 
     x+ = Phi x + g + Gamma u + Gamma_f f
 
@@ -41,7 +45,7 @@ from bayesdrill.rig.models.friction import DIRECTION, Law
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """The sizes are those of a friction in both directions; if equal, they are one object."""
+    """A friction has an effort of these sizes in both directions; equal sizes are one object."""
 
     forward: Number
     backward: Number
@@ -58,7 +62,7 @@ class Sizes:
 
     @property
     def differ(self) -> bool:
-        """Return whether the sizes of both directions are two numbers."""
+        """Return whether the size depends on the direction."""
         return self.forward is not self.backward
 
     def along(self, speed: Number, *, back: bool = False) -> Number:
@@ -69,13 +73,13 @@ class Sizes:
         return where(below(speed, 0.0), *(reversed(both) if back else both))
 
     def exceeded(self, effort: Number) -> Mask:
-        """Return where an effort is larger than the friction in its direction."""
+        """Return in which lanes an effort is larger than the size in the effort's direction."""
         return above(size(effort), self.along(effort))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepFriction:
-    """A friction has this effect on the states in a step.
+    """The fields describe how one friction acts on the states in a step, and what makes it stick.
 
     `row` is the index of its speed, and `angle` that of its angle. `column` is the effect of a unit
     effort on the states in a step, and `stop_gain` is -1 / column[row]. The effort that keeps the
@@ -124,8 +128,8 @@ class FrictionHistory:
 class Step:
     """A step has the matrix of its transition, and its frictions.
 
-    `rows` give the new states from the columns: states, 1, drive and, from `first_friction`, frictions.
-    `slopes` maps the columns of inputs to those of their time derivatives.
+    `rows` times (states, 1, drive, efforts) are the new states; efforts begin at the column
+    `first_friction`. `slopes` maps the columns of inputs to those of their time derivatives.
     """
 
     rows: Rows
@@ -174,8 +178,8 @@ class Step:
         speeds, middle = {friction.row for friction in self.frictions}, list(state)
         for i in self.size_states:
             here, there = state[i], ahead[i]
-            turned = i in speeds
-            middle[i] = (size(here) + size(there) if turned else here + there) * 0.5
+            is_speed = i in speeds
+            middle[i] = (size(here) + size(there) if is_speed else here + there) * 0.5
         return self.sizes(middle, inputs)
 
     def drive_after(self, drive: Column, span: Number) -> Column:
@@ -192,7 +196,7 @@ class Step:
 class StepStart:
     """A step starts from a state, a history of frictions and a drive.
 
-    `drive` has values by column. `inputs` has the values in the middle of the step by name.
+    `drive` has values at the start, by column. `inputs` has values in mid-step, by name.
     """
 
     state: list[Number]
@@ -213,7 +217,7 @@ class FrictionMode:
     block: ir.Value
     slots: dict[tuple[int, int], Number] = field(default_factory=dict)
 
-    # Called after a speed has changed its sign.
+    # Methods that are called after a speed has changed its sign.
 
     def set(self, state: Sequence[Number]) -> None:
         """Store the rows for the signs of the speeds in `state`; a speed of zero sticks."""
@@ -242,9 +246,9 @@ class FrictionMode:
         stop = -1.0 / pivot.pop(column)
         for i, row in enumerate(rows):
             if i != friction.row and column in row:
-                share = where(still, row[column] * stop, 0.0)
+                factor = where(still, row[column] * stop, 0.0)
                 for k, entry in pivot.items():
-                    row[k] = multiply_add(share, entry, row.get(k))
+                    row[k] = multiply_add(factor, entry, row.get(k))
         for k in pivot:
             rows[friction.row][k] = where(still, 0.0, rows[friction.row][k])
         if friction.angle is not None:
@@ -264,7 +268,7 @@ class FrictionMode:
                     index += 1
                 self.slots[i, k] = row[k]
 
-    # Called while no speed changes its sign.
+    # Methods that are called while no speed changes its sign.
 
     def directions(self) -> list[Vector]:
         """Load the directions: 1 or -1 where a friction slips, 0 where it sticks."""

@@ -1,4 +1,4 @@
-"""Run a Kalman filter sample by sample: for gaps, uneven times, slopes, smoothing and draws.
+"""Run a Kalman filter sample by sample: for gaps, uneven times, derivatives, smoothing and draws.
 
 Over a step h, the state-space model x' = F x + g w with white noise w of intensity q has
 
@@ -14,8 +14,8 @@ k = P c' / S,
     update       x <- x + k e       P <- P - k c P
     prediction   x <- Phi x         P <- Phi P Phi' + Q
 
-Once the covariance is steady, only a gap or another step changes it.  The smoother goes back by
-adjoints (Bryson and Frazier 1963; Bierman 1973), without inverting a covariance:
+Once the covariance is steady, only a gap or another step length changes it.  The smoother runs
+backwards by adjoints (Bryson and Frazier 1963; Bierman 1973), without inverting a covariance:
 
     r <- Phi' r      r <- r + c' (e / S - k' r)  channel by channel      x + P r  is the smoothed state
 """
@@ -130,10 +130,7 @@ def store_transition(
     *,
     slopes: bool,
 ) -> None:
-    """Store Phi (n, n), and Q (n, n) of the process noise, in numbers with or without slopes.
-
-    `span` is the time step of each lane.
-    """
+    """Store Phi (n, n), and Q (n, n) of the process noise, over the time step `span` of each lane."""
     n, memory = system.n, Numbers(b, slopes)
     named = dict(zip(system.model.parameters, memory.row(parameters, system.p), strict=True))
     entries = _entries(system, named)
@@ -186,7 +183,7 @@ def _moved(
 def _emit_series(
     memory: Numbers, timed: dict[tuple[int, int], Number], n: int, phi: ir.Value
 ) -> None:
-    """Store the exponential of the timed entries, a column at a time."""
+    """Store the exponential of a matrix with the entries `timed`, a column at a time."""
     b = memory.b
     memory.clear(phi, n * n)
     for i in range(n):
@@ -312,10 +309,10 @@ def _root(b: Builder, number: Number) -> Number:
 
 
 STEADY_TOLERANCE = 1e-13  # relative change of a variance below which the covariance is steady
-STEADY_SLOPE_TOLERANCE = 1e-10  # the same for the slope, relative to |slope| + variance
+STEADY_SLOPE_TOLERANCE = 1e-10  # same for the variance's derivative d, relative to |d| + variance
 
-# G groups, T samples, M step lengths. If `lead` is 1, the start is before the first sample, and the
-# last step leads from the start to this sample.
+# G groups of walkers (sets of parameters), T samples, K channels, n states, M step lengths. If `lead`
+# is 1, the start is before the first sample, and the last of the M steps leads from it to this sample.
 COUNTS = ("groups", "samples", "steps", "lead")
 BLOCKS = {
     "parameters": VECTORS,  # (G, P) numbers
@@ -334,7 +331,7 @@ BLOCKS = {
 
 
 def write_filter(module: Module, system: StateSpace, name: str) -> None:
-    """Write the kernel `name`: `whiten`, `slopes` (whiten with slopes), `smooth` or `draw`.
+    """Write the kernel `name`: `whiten`, `slopes` (whiten with derivatives), `smooth` or `draw`.
 
     Its arguments are COUNTS and the addresses of BLOCKS.
     """
@@ -399,13 +396,13 @@ def _revise(w: _Writer, phi: ir.Value, q: ir.Value, observed: ir.Value) -> None:
     moving = NOWHERE
     for i, before in enumerate(old):
         now = dual(m.get(w.p, i * n + i))
-        far = b.absolute((now.value - before.value).value)
-        near = (now.value * STEADY_TOLERANCE).value
-        moving = b.or_(moving, b.fcmp_unordered(">", far, near))
+        change = b.absolute((now.value - before.value).value)
+        limit = (now.value * STEADY_TOLERANCE).value
+        moving = b.or_(moving, b.fcmp_unordered(">", change, limit))
         if m.slopes:
-            far = b.absolute((now.slope - before.slope).value)
-            near = ((now.slope.size() + now.value) * STEADY_SLOPE_TOLERANCE).value
-            moving = b.or_(moving, b.fcmp_unordered(">", far, near))
+            change = b.absolute((now.slope - before.slope).value)
+            limit = ((now.slope.size() + now.value) * STEADY_SLOPE_TOLERANCE).value
+            moving = b.or_(moving, b.fcmp_unordered(">", change, limit))
     b.store(b.select(b.anywhere(moving), 0, 1), w.flag)
 
 

@@ -1,6 +1,7 @@
-"""Write LLVM code for vectors, which hold one number of each of eight walkers.
+"""Write LLVM code for vectors, which hold one number of each of 8 walkers (sets of parameters).
 
-The module has constants, memory, loops and gathers, and numbers whose arithmetic becomes code.
+The module has constants, memory, loops and gathers, and numbers whose arithmetic becomes code.  The
+place of a walker in all vectors is its lane.
 """
 
 from __future__ import annotations
@@ -65,8 +66,8 @@ def integer(number: Integer) -> ir.Value:
 
 _LEAST_POWER = -700.0  # lower exponents of e are raised to this: exp(-700) = 1e-304
 _ROUNDER = 1.5 * 2.0**52  # adding it leaves the nearest integer in the last bits of a number
-_PI = (math.pi, 1.2246467991473532e-16)  # pi as a double, and its remainder
-_SIN = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10))  # sin(x)/x in x^2
+_PI = (math.pi, 1.2246467991473532e-16)  # pi as a double, and pi minus this double
+_SIN = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10))  # sin(x)/x by x^2
 # Minimax polynomial of exp(x) for |x| < log(2)/2; its relative error is 2e-9.
 _EXP = (
     1.0000000005541665,
@@ -80,10 +81,7 @@ _EXP = (
 
 
 def _of_whole(name: str) -> Any:
-    """Return a method for LLVM's operation `name` on integers; Python integers become constants.
-
-    If an operand is a vector, a constant has the same value in all lanes.
-    """
+    """Return a method for LLVM's operation `name` on integers, which may be Python's own."""
     write = getattr(ir.IRBuilder, name)
 
     def method(builder: Builder, *operands: Any, **options: Any) -> ir.Value:
@@ -294,7 +292,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return result
 
     def last_until(self, numbers: ir.Value, place: ir.Value, bound: ir.Value) -> ir.Value:
-        """Return the index of the last of increasing `numbers` <= `bound`, searched from `place` on."""
+        """Search increasing `numbers` from `place` on; return the index of the last one <= `bound`."""
         entry, check = self.block, self.append_basic_block("search")
         self.branch(check)
         self.position_at_end(check)
@@ -326,10 +324,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
 
 
 class Module(ir.Module):  # type: ignore[misc]
-    """The module has kernels that are compiled together, and the `routine`s that they call.
-
-    `arguments` has the names of the arguments of each kernel.
-    """
+    """The module has kernels with the names of their `arguments`, and the `routines` that they call."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -370,7 +365,7 @@ def routine[**P](
 ) -> Callable[Concatenate[Builder, P], None]:
     """Turn a writer of code into a function, which a module contains once and calls repeatedly.
 
-    `ir.Value` arguments become its arguments. It is specialised for all other arguments.
+    The function has those arguments that are `ir.Value`, and is specialised for all others.
     """
 
     @wraps(write)

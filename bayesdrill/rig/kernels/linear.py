@@ -4,18 +4,18 @@ With z = (x, 1, u, du/dt) a step is x(j + 1) = E(j) z(j).  E has the first rows 
 exponential over the step (`transitions`).  A channel is a row times (x, 1).  If derivatives are
 wanted, matrices, starts, rows and delays have slopes: derivatives in a direction of the parameters.
 
-A channel with delay s shows at time t its value at t - s.  On even times, s is a whole number of
-steps minus a fraction of a step, and the row is multiplied by the exponential over this fraction.
-On uneven times the state at the knot before t - s is advanced by the remaining time.  Before the
-start, states change linearly.
+A late channel, with delay s, shows at time t its value at t - s.  On even times, s is a number of
+whole steps minus a fraction of one, and the row is multiplied by the exponential over this fraction.
+On uneven times the state at the knot before t - s is advanced by the remaining time, with a ladder
+of exponentials over 2^n times a width (`transitions`).  Before the start, states change linearly.
 
 Rigs of more than ten states multiply matrices in loops (`multiply_large`).  On even times, one
 product then computes four samples (`Transitions.join_steps`).
 
-Sums of residuals are added up as channels are computed.  Otherwise channels are stored in planes
-`(rows, K)`: the values, then the slopes in each direction.  Planes are the output, or are reduced
-to normal equations in chunks of samples that fit into the processor's cache.  One kernel has code
-for both, because the matrices, which both need, take most of the code and compile time.
+If only sums of residuals are wanted, they are added up as channels are computed.  Otherwise the
+channels are stored in planes `(rows, K)`: values, then slopes in each direction.  Planes are the
+output, or are reduced to normal equations in chunks of samples that fit into the processor's cache.
+One kernel has code for both, as most of its code is that of the matrices, which both need.
 """
 
 from __future__ import annotations
@@ -160,7 +160,7 @@ class _Writer:
     # Normal equations.
 
     def _add_products(self, first: ir.Value, rows: ir.Value) -> None:
-        """Add up squares `(K,)` of residuals, and the triangle `(1 + q, 1 + q)` of plane products."""
+        """Add up squares `(K,)` of residuals, and products of planes (a triangle `(1 + q, 1 + q)`)."""
         b, k_count = self.b, self.k
         with b.loop(self.plane_count, "whiten") as plane:
             self._whiten(plane, first, rows)
@@ -170,8 +170,8 @@ class _Writer:
             pairs = [*itertools.product(range(len(planes)), range(len(others)))]
             samples = Loop(b, rows, [vector(0.0)] * len(pairs) * k_count, "products")
             left, right = (
-                [b.read_row(self.at(p, samples.index), k_count) for p in some]
-                for some in (planes, others)
+                [b.read_row(self.at(p, samples.index), k_count) for p in members]
+                for members in (planes, others)
             )
             factors = [each for p, o in pairs for each in zip(left[p], right[o], strict=True)]
             new = [
@@ -208,7 +208,7 @@ class _Writer:
             add_tile([last], [last])
 
     def _whiten(self, plane: ir.Value, first: ir.Value, rows: ir.Value) -> None:
-        """Replace channels in a plane by whitened residuals, or their slopes by those of residuals.
+        """Replace channels in a plane by whitened residuals, or slopes of channels by slopes of these.
 
         With three weights s, the residual r_j becomes s_0 r_j - s_1 r_i, where i is the observed
         sample before j.  The first residual r of a channel becomes s_2 r.
@@ -233,7 +233,7 @@ class _Writer:
     def _white(
         self, sample: ir.Value, k: int, scales: Values, residual: ir.Value, last: ir.Value
     ) -> Values:
-        """Return the whitened residual, and the residual itself, the `last` of the next sample."""
+        """Return the whitened residual, and the residual, which is `last` for the next sample."""
         b = self.b
         later = b.fsub(b.fmul(residual, scales[0]), b.fmul(last, scales[1]))
         white = self.record.unless_first(sample, k, [later], [b.fmul(residual, scales[2])])
@@ -269,7 +269,7 @@ class _Walker:
         self.rows = self._rows()
 
     def numbers(self, name: str) -> list[Number]:
-        """Load the numbers of a part, see `LinearShape.parts`."""
+        """Load the numbers of a part, see `LinearShape.part_sizes`."""
         sizes = self.shape.part_sizes
         first = sum([*sizes.values()][: [*sizes].index(name)])
         values, *slopes = [
@@ -310,8 +310,8 @@ class _Walker:
             span = number(b, a["spans"], 0)
             self.late_rows, self.offsets = {}, {}
             for k in self.late:
-                self.offsets[k], share = self._split(delay[k], span)
-                self.late_rows[k] = self._late_row(k, share)
+                self.offsets[k], excess = self._split(delay[k], span)
+                self.late_rows[k] = self._late_row(k, excess)
 
     def _split(self, delay: Number, step: Vector) -> tuple[ir.Value, Number]:
         """Return a delay as a number of steps, rounded up, and the time by which the steps exceed it."""
@@ -338,7 +338,7 @@ class _Walker:
     # Steps from knot to knot.
 
     def advance(self, first: ir.Value, rows: ir.Value, totals: Values) -> Values:
-        """Advance the state from the `first` knot on, and show the channels that are not late."""
+        """Advance the state from the `first` knot on, and `show` the channels that are not late."""
         if self.shape.samples_per_step > 1:
             return self._advance_joined(first, rows, totals)
         totals = self._advance(first, rows, totals, shows=True)
@@ -377,7 +377,7 @@ class _Walker:
         return [x for part in self.parts for x in registers[part * self.x :][: self.x]]
 
     def _completed(self, registers: Values, row: ir.Value) -> State:
-        """Rebuild the state from the registers of `_advanced`; the trace has the rest in this row."""
+        """Return the state of `_advanced`; the trace keeps values that are advanced before slopes."""
         if len(self.parts) < self.kind.width:
             at = self.b.offset(self.w.trace, row, self.x)
             if self.parts == VALUES:
@@ -391,7 +391,7 @@ class _Walker:
         """Advance from the `first` knot on by steps of several samples, and show channels."""
         b, kind, x, k_count, m = self.b, self.kind, self.x, self.w.k, self.shape.samples_per_step
         out, columns = self.shape.joined_sizes
-        out -= k_count  # channels after the last step are those of the next samples
+        out -= k_count  # the channels after the last step belong to the next joined step
         z, following = kind.room(columns), kind.room(out)
         kind.put_row([*kind.row(self.state, x), Vector(b, vector(1.0))], z)
         steps = Loop(b, b.sdiv(rows, m), totals, "steps")
@@ -413,7 +413,7 @@ class _Walker:
     def _advance_fraction(
         self, fraction: ir.Value, state: State, drive: InputHold
     ) -> tuple[State, InputHold]:
-        """Advance by a `fraction` of the ladder's width, or not at all if it is negative."""
+        """Advance by `fraction` times the ladder's width, or not at all if `fraction` is negative."""
         b, kind, count = self.b, self.kind, len(drive.inputs)
         default = [*kind.flat(state), *(u.value for u in drive.inputs)]
 
@@ -455,7 +455,7 @@ class _Walker:
         self.kind.put_row(kept, at)
 
     def show_late(self, totals: Values) -> Values:
-        """Show the channels that are late."""
+        """Add the values of late channels to the sums, or store them in the planes."""
         if not self.late:
             return totals
         b, w, shape = self.b, self.w, self.shape

@@ -11,41 +11,44 @@ from bayesdrill.rig.kernels.lanes import NUMBERS, VECTORS, WHOLE
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.kernels.transitions import MAX_RUNGS, table_entries
 
-# G groups of LANES walkers; T samples; N knots (the samples, and times after the last); q
-# directions; `nodes` are entries of the table. `high` is the number of ladder rungs of at least its
-# width, or -1 if all spans are in the table. `stored` is 1 if signals are stored, else 0.
+# G groups of LANES walkers (sets of parameters); T samples; K channels; S sampled inputs; N knots (the
+# samples, and times after the last); q directions of derivatives; `nodes` are entries of the table of
+# exponentials. `high` is the number of ladder rungs that span at least the width, or -1 if all spans
+# are in the table. `stored` is 1 if signals are stored, else 0.
 COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
 BLOCKS = {
-    "own": VECTORS,  # (G, numbers in `LinearShape.parts`, then `LinearShape.weights` numbers)
-    "along": VECTORS,  # (G, q, `LinearShape.with_slopes`): slopes of the first numbers of `own`
-    "numbers": NUMBERS,  # width of the ladder; constant inputs
+    "own": VECTORS,  # (G, numbers in `LinearShape.part_sizes`, then `LinearShape.weights` numbers)
+    "along": VECTORS,  # (G, q, `LinearShape.with_slopes`): derivatives of the first numbers of `own`
+    "numbers": NUMBERS,  # width of the ladder of `transitions`, then constant inputs
     "spans": NUMBERS,  # span of each node
     "chained": WHOLE,  # 1 if a node's span is that of the node before, plus the width
     "node": WHOLE,  # (N,) node of the step from each knot
     "share": NUMBERS,  # (N,) excess of that step over its node's span, in widths; -1 for none
     "t": NUMBERS,  # (N + 1,) times of knots; the last is infinite
-    "u": NUMBERS,  # (N, S or 2 S): sampled inputs and, with a first-order hold, their slopes
-    "y": NUMBERS,  # (T, K)
-    "begin": WHOLE,  # (K,) first observed sample of each channel
+    "u": NUMBERS,  # (N, S or 2 S): sampled inputs and, with a first-order hold, their time slopes
+    "y": NUMBERS,  # (T, K) measured values, NaN if missing
+    "begin": WHOLE,  # (K,) index of the first observed sample of each channel
     "places": WHOLE,  # offset of each part of `SCRATCH`
     "scratch": VECTORS,
-    "out": VECTORS,  # (G, planes, T, K) signals; (G, K, n) sums; (G, K + (1 + q)^2) products
+    # (G, 1 + q, T, K) signals and derivatives; (G, K, n) sums; (G, K + (1 + q)^2) normal equations
+    "out": VECTORS,
 }
 SCRATCH = ("table", "states", "rungs", "planes", "last residuals", "trace")
-SCALES = 3  # scales of a channel's residuals, see `simulators.contract.whitening_scales`
-ROWS = 64  # samples of a chunk
-JOINED = 4  # samples per step of large matrices; a divisor of ROWS
+SCALES = 3  # number of a channel's weights, see `simulators.contract.whitening_scales`
+ROWS = 64  # number of samples in a chunk
+JOINED = 4  # number of samples per step with large matrices; a divisor of ROWS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinearShape:
     """A kernel is specialised for this structure of a record.
 
-    `rows (K, X)` says which states a channel shows; their weights, and offsets, differ between
-    walkers. `is_delayed (K,)` says which channels are late. `uneven` says that steps differ, or that
-    there is no step. The kernel computes the sums of a `tally` or, without one, normal equations,
-    for which numbers have slopes. Kernels of `SQUARES` and of normal equations can store signals
-    instead. `sensed` says that starts and rows have slopes, never needed with perfect sensors.
+    `rows (K, X)` says which states a channel shows; weights of these states, and offsets, may differ
+    between walkers. `is_delayed (K,)` says which channels have delays. `uneven` says that steps
+    differ, or that there is no step. The kernel computes the sums of a `tally` or, without one, normal
+    equations, for which numbers have slopes (derivatives). Kernels of `SQUARES` and of normal
+    equations can store signals instead. `sensed` says that starts and rows have slopes, too, as
+    sensors are not perfect.
     """
 
     layout: Layout
@@ -65,7 +68,7 @@ class LinearShape:
 
     @property
     def slopes(self) -> bool:
-        """Return whether numbers have slopes."""
+        """Return whether numbers have slopes, which are derivatives in a direction of parameters."""
         return self.tally is None
 
     @property
@@ -75,7 +78,7 @@ class LinearShape:
 
     @property
     def samples_per_step(self) -> int:
-        """Return the samples per step; large matrices are faster with several samples at once."""
+        """Return the number of samples per step; large matrices are faster with several samples."""
         plain = self.layout.large and not (self.uneven or any(self.is_delayed))
         return JOINED if plain else 1
 
@@ -101,12 +104,12 @@ class LinearShape:
 
     @property
     def with_slopes(self) -> int:
-        """Return how many of the first numbers of `part_sizes` have slopes, in a kernel with slopes."""
+        """Return how many numbers, the first of the parts, have slopes in a kernel with slopes."""
         return sum(self.part_sizes.values()) if self.sensed else self.layout.n_parameters
 
     @property
     def weights(self) -> int:
-        """Return how many numbers follow `part_sizes`: weights of a tally, or scales of residuals."""
+        """Return how many numbers follow the parts: weights of a tally, or scales of residuals."""
         return self.channels * (SCALES if self.tally is None else self.tally.weights)
 
     @property

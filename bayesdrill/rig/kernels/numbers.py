@@ -1,6 +1,7 @@
-"""Define the numbers of kernels, which may have slopes, and small matrices of numbers.
+"""Define the numbers with which kernels compute, and small matrices of such numbers.
 
-A number is one vector, or two vectors: its value, and its slope (a directional derivative).
+A number is a vector, which has a lane for each walker (set of parameters).  In kernels with slopes,
+it is two vectors: a value and a slope (a directional derivative).
 """
 
 from __future__ import annotations
@@ -118,7 +119,7 @@ def sum_products(
 ) -> Number:
     """Return `start` plus the sum of products, as two partial sums that run in parallel.
 
-    If not `halved`, it takes fewer registers, which is faster where other work fills the pipelines.
+    If not `halved`, one sum takes fewer registers: faster where other work fills the pipelines.
     """
     half = (len(terms) + 1) // 2 if halved else len(terms)
     first = start
@@ -133,7 +134,7 @@ def sum_products(
 
 
 def multiply_add(factor_a: Number, factor_b: Number, sum_: Number) -> Number:
-    """Return factor_a * factor_b + sum_, without the terms of slopes that are the constant 0.0."""
+    """Return factor_a * factor_b + sum_; slopes that are the constant 0.0 get no code."""
     if not any(isinstance(number, Dual) for number in (factor_a, factor_b, sum_)):
         return _lane(factor_a, factor_b, sum_)
     a, b, before = map(dual, (factor_a, factor_b, sum_))
@@ -156,30 +157,30 @@ def _lane(factor: Vector, other: Vector, sum_: Vector | None) -> Vector:
 
 
 def above(number: Number, other: Number) -> Mask:
-    """Return where a number is greater than another; NaN is greater than all."""
+    """Return in which lanes a number is greater than another; NaN is greater than all."""
     value, bound = dual(number).value, dual(other).value
     return Mask(value.b, value.b.fcmp_unordered(">", value.value, bound.value))
 
 
 def is_moving(speed: Number) -> Mask:
-    """Return where a speed is not zero; NaN moves."""
+    """Return in which lanes a speed is not zero; NaN is not zero."""
     value = dual(speed).value
     return Mask(value.b, value.b.fcmp_unordered("!=", value.value, vector(0.0)))
 
 
 def slip_direction(speed: Number) -> Vector:
-    """Return the sign of a speed, 0 at rest; NaN has a direction too."""
+    """Return the sign of a speed, and 0 at rest; the sign of NaN is 1 or -1."""
     value = dual(speed).value
     return is_moving(speed).chosen(Vector(value.b, vector(1.0)).signed(value), 0.0)
 
 
 def is_sticking(direction: Vector) -> Mask:
-    """Return where a direction is zero, that is where a friction sticks."""
+    """Return in which lanes a direction is zero, so that the friction sticks."""
     return Mask(direction.b, direction.b.fcmp_ordered("==", direction.value, vector(0.0)))
 
 
 def keeps_direction(direction: Vector, speed: Number) -> Mask:
-    """Return where a speed has the sign `direction`; false where the direction is zero."""
+    """Return in which lanes a speed has the sign `direction`; none if the direction is zero."""
     product = direction.b.fmul(direction.value, dual(speed).value.value)
     return Mask(direction.b, direction.b.fcmp_unordered(">", product, vector(0.0)))
 
@@ -189,7 +190,7 @@ MIN_RELATIVE_PIVOT = 1e-13  # relative to the diagonal: smaller pivots are round
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """The blocks are one with values and, if numbers have slopes, one with slopes."""
+    """One block of memory has values; if numbers have slopes, a second block has the slopes."""
 
     b: Builder
     bases: tuple[ir.Value, ...]
@@ -229,7 +230,7 @@ def product(left: Matrix, right: Matrix) -> Matrix:
 
 
 def plus(matrix: Matrix, number: Number) -> Matrix:
-    """Return a matrix and a number times the unit matrix."""
+    """Return a matrix plus a number times the unit matrix."""
     return [
         [entry + number if i == j else entry for j, entry in enumerate(row)]
         for i, row in enumerate(matrix)
@@ -299,7 +300,7 @@ def multiply_large(
 
 
 def strips(b: Builder, count: int, size: int) -> Iterator[tuple[Integer, int]]:
-    """Yield begin and size of each strip of `count` rows; all full strips share one loop."""
+    """Divide `count` rows into strips, and yield their first rows and sizes; full ones share a loop."""
     if count >= size:
         with b.loop(count // size, "strips") as strip:
             yield b.mul(strip, size), size
@@ -341,7 +342,7 @@ def multiply_symmetric(
 
 @routine
 def factorise(b: Builder, out: ir.Value, a: ir.Value, n: int) -> None:
-    """Store the Cholesky factor, lower with out out' = a (n, n).
+    """Store the lower Cholesky factor `out` of a matrix: out out' = a (n, n).
 
     The matrix may be singular: a pivot that is negligible compared with its diagonal gets a column
     of zeros.
@@ -373,7 +374,7 @@ def decompose(b: Builder, out: ir.Value, a: ir.Value, determinant: ir.Value, n: 
     """Store L and U with L U = a (n, n) in one matrix, and the determinant.
 
     The diagonal of L, all ones, is not stored, and that of U is stored inverted.  There is no
-    pivoting: the matrices are one plus a product of two covariances, which do not need it.
+    pivoting: a is 1 plus a product of two positive semidefinite matrices, and does not need it.
     """
     entries = {(i, j): Vector(b, b.read(a, i * n + j)) for i in range(n) for j in range(n)}
     total = Vector(b, vector(1.0))

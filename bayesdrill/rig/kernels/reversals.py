@@ -2,8 +2,8 @@
 
 Between events each friction slips one way or sticks, the rig is linear, and a step is exact
 (`friction`).  One kind of event is the zero crossing of a sliding speed, after which the friction
-sticks or slips the other way.  The other kind is the moment when the effort that sticking requires
-exceeds the friction at rest, so that slip begins.
+sticks or slips the other way.  The other kind is the moment when the effort (torque, or voltage)
+that sticking requires exceeds the friction at rest, so that slip begins.
 
 Events are not located in time: no root is sought, and no step ends at an event.  A step with an
 event is divided into parts, and in each part a constant mean effort replaces the friction's effort:
@@ -83,7 +83,7 @@ def advance_step(
 
 @dataclass(frozen=True, slots=True)
 class RestState:
-    """At the beginning of a step, a friction needs a holding `effort`, and has `sizes` at rest."""
+    """To stick at the beginning of a step, a friction needs `effort`; at rest it has `sizes`."""
 
     effort: Number
     sizes: Sizes
@@ -93,8 +93,8 @@ class RestState:
 class ReversalStep:
     """A step with events is one in which speeds may cross zero, and frictions may stick or slip.
 
-    It is divided into `n_parts` parts, each a `step` over a `fraction` of the whole. Over the
-    whole step a fast state, such as a current, may be far from the straight line that is assumed.
+    It is divided into `n_parts` parts, each a `step` over a `fraction` of the whole. A fast state,
+    such as a current, is nearer to the assumed straight line over a part than over the whole step.
     """
 
     step: Step
@@ -113,10 +113,7 @@ class ReversalStep:
         return order * (1 + (None in angles))
 
     def advance(self, now: StepStart, *, shows: bool) -> list[Number]:
-        """Return new state, mean efforts if they are shown, varying sizes, and their trends.
-
-        After a reversal the trends are zero.
-        """
+        """Return new state, mean efforts if they are shown, varying sizes, and zeros as their trends."""
         step, kind = self.step, self.step.kind
         x, v = len(now.state), len(step.varying)
         e = x + (len(step.frictions) if shows else 0)
@@ -138,7 +135,7 @@ class ReversalStep:
         """Return the result of one part, as `advance` does for the whole step."""
         step, state, drive, inputs = self.step, now.state, now.drive, now.inputs
         rest_sizes = step.rest_sizes(state, inputs)
-        sizes = [*rest_sizes]  # past sizes are of one direction; unused if the two sizes differ
+        sizes = [*rest_sizes]  # a past size has one direction; it is not used if directions differ
         for e, magnitude in zip(step.varying, now.history.sizes, strict=True):
             if not sizes[e].differ:
                 sizes[e] = Sizes(magnitude, magnitude)
@@ -163,7 +160,7 @@ class ReversalStep:
         sizes: list[Sizes],
         at_rest: list[RestState],
     ) -> tuple[list[Number], list[Mask]]:
-        """Return the efforts, and where each friction slips; `drive` is that at the end of the step."""
+        """Return efforts, and lanes in which each friction slips; `drive` is that after the step."""
         speeds = [state[friction.row] for friction in self.step.frictions]
         known = [
             where(is_moving(speed), signed(most.along(speed), speed), at.effort)
@@ -192,26 +189,26 @@ class ReversalStep:
     def _effort_from_slip(
         self, stop: Number, speed: Number, over: Number, sizes: Sizes, at_rest: RestState
     ) -> tuple[Number, Mask]:
-        """Return the mean effort over a step that begins in slip, and whether it ends in slip.
+        """Return the mean effort over a step that begins in slip, and lanes that slip at its end.
 
-        `stop` is the effort that would make the speed zero at the end of the step. Let the speed v
-        be positive, in units of the effort. If `stop` exceeds the size of the friction, v stays
+        `stop` is the effort that would make the speed zero at the end of the step. Let v > 0 be the
+        speed, times `over` (effort per speed). If `stop` exceeds the size of the friction, v stays
         positive. Otherwise v crosses zero within the step, where the effort v - stop drives it
         backwards. The friction sticks if this effort is at most its size at rest. Else it slips.
         """
         back, most = below(speed, 0.0), sizes.along(speed)
         ahead, rate = where(back, -stop, stop), size(speed) * over
-        against = rate - ahead + most  # the effort that drives it backwards, plus sliding friction
+        against = rate - ahead + most  # v - stop, which drives backwards, plus sliding friction
         beyond = at_rest.sizes.along(speed, back=True)
         keeps, passes = above(ahead, most), above(against, most + beyond)
         turned = where(keeps, most, ahead)
 
         def reversed_effort() -> list[Number]:
-            share = rate / against  # fraction of the step before the crossing
+            before = rate / against  # fraction of the step before the crossing
             if not sizes.differ:
-                return [most * (share * 2.0 - 1.0)]
+                return [most * (before * 2.0 - 1.0)]
             other = sizes.along(speed, back=True)
-            return [(most + other) * share - other]
+            return [(most + other) * before - other]
 
         (turned,) = self.step.kind.select_if_any(passes.without(keeps), [turned], reversed_effort)
         return where(back, -turned, turned), keeps.either(passes)
@@ -219,7 +216,7 @@ class ReversalStep:
     def _effort_from_stick(
         self, stop: Number, later: Number, sizes: Sizes, at_rest: RestState
     ) -> tuple[Number, Mask]:
-        """Return the mean effort over a step that begins in stick, and where it slips at the end.
+        """Return the mean effort over a step that begins in stick, and lanes that slip at its end.
 
         The required effort goes from `at_rest.effort` to `later`, with the mean `stop`. Once it
         exceeds the size at rest, the friction slips with the size in `sizes`.
@@ -233,10 +230,10 @@ class ReversalStep:
             # The required effort is two straight lines in time: first to middle, then to last.
             middle = (mean * 6.0 - first - last) * 0.25
             halves = [_excess(*ends, held) for ends in ((first, middle), (middle, last))]
-            share = (halves[0][0] + halves[1][0]) * 0.5
+            fraction = (halves[0][0] + halves[1][0]) * 0.5
             driving = (halves[0][1] + halves[1][1]) * 0.5
             bent = mean - (first + middle * 2.0 + last) * 0.25
-            return [mean - driving - share * (held - most + bent)]
+            return [mean - driving - fraction * (held - most + bent)]
 
         (turned,) = self.step.kind.select_if_any(slips, [mean], slipping)
         return where(back, -turned, turned), slips
@@ -258,7 +255,7 @@ class ReversalStep:
         return new
 
     def _held(self, new: list[Number], old: list[Number], slips: list[Mask]) -> list[Number]:
-        """Restore the old angles where the speeds were and are zero."""
+        """Restore the old angle in lanes in which the speed was zero and is zero."""
         for friction, moves in zip(self.step.frictions, slips, strict=True):
             if friction.angle is not None:
                 moved = moves.either(is_moving(old[friction.row]))
@@ -269,11 +266,11 @@ class ReversalStep:
 def _excess(first: Number, last: Number, limit: Number) -> tuple[Number, Number]:
     """Return the fraction of a straight line above a limit, and the mean of max(line - limit, 0)."""
     begins, ends, rises = above(first, limit), above(last, limit), above(last, first)
-    far, near = where(rises, last, first), where(rises, first, last)
+    high, low = where(rises, last, first), where(rises, first, last)
     crosses = begins.either(ends).without(begins.both(ends))
-    share = where(crosses, (far - limit) / (far - near), where(begins, 1.0, 0.0))
-    over = where(begins.both(ends), (first + last) * 0.5 - limit, share * (far - limit) * 0.5)
-    return share, over
+    fraction = where(crosses, (high - limit) / (high - low), where(begins, 1.0, 0.0))
+    excess = where(begins.both(ends), (first + last) * 0.5 - limit, fraction * (high - limit) * 0.5)
+    return fraction, excess
 
 
 SETTLED_EXPONENT = 18.0  # a size is constant once exp(-18) = 2e-8 of its excess at rest remains
@@ -284,9 +281,9 @@ def advance_stride(
 ) -> list[Number]:
     """Return the numbers that are carried to the next sample.
 
-    `mode` is that of a long step from sample to sample. A lane takes the long step if it is `wanted`
-    and all frictions of the lane slip far from any event. The code of `steps` runs only if there are
-    other lanes, which take these steps.
+    `mode` is that of a long step from sample to sample. A lane (one walker) takes the long step if
+    `wanted` is true and all its frictions slip far from any event. All other lanes take `steps`,
+    whose code runs only if there are such lanes.
     """
     step, state, past, directions = mode.step, now.state, now.history, mode.directions()
 
@@ -329,7 +326,7 @@ def _decay_terms(step: Step, state: Sequence[Number]) -> Iterator[tuple[Number, 
 def _near_zero(
     step: Step, state: Sequence[Number], new: Sequence[Number], directions: Sequence[Vector]
 ) -> Iterator[Mask]:
-    """Return where a speed may cross zero: its change exceeds its magnitude at an end of the step."""
+    """Yield lanes in which a speed may cross zero: it changes by more than its size at either end."""
     for friction, direction in zip(step.frictions, directions, strict=True):
         change = size(new[friction.row] - state[friction.row])
         for end in (state, new):

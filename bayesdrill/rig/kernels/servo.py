@@ -1,10 +1,10 @@
 """Advance a rig with a servo, whose loop is open while the servo saturates or is in its dead band.
 
 The wanted voltage at the beginning of a step selects the exact matrix of the closed or the open
-loop, for each walker.  The matrix of the closed loop includes the wanted voltage.  If the loop
-opens or closes within a step, the voltage not included varies linearly from then on.  Its mean
-acts over the whole step, which leaves an error of second order.  If a measured supply differs from
-the usual supply, the change of the voltage is averaged over both ends of the step.
+loop, for each lane (walker).  The matrix of the closed loop includes the wanted voltage.  If the loop
+opens or closes within a step, the matrix lacks a part of the voltage, which varies linearly from
+then on.  The mean of this part acts over the whole step, with an error of second order.  If a
+measured supply differs from the usual supply, the change of voltage is averaged over both ends.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ class ServoLoop:
         return sum_products(self.base, row_terms(self.row, state, drive))
 
     def is_closed(self, wanted: Number) -> Mask:
-        """Return where the voltage follows the wanted one."""
+        """Return in which lanes the voltage follows the wanted one."""
         mask: Mask = self.law.is_linear(self.parameters, wanted)
         return mask
 
     def beyond_matrix(self, wanted: Number, closed: Mask, level: Number | None = None) -> Number:
-        """Return the voltage, minus the wanted voltage if the loop is closed."""
+        """Return the voltage that the matrix lacks: without the wanted voltage if the loop is closed."""
         voltage = self.law.voltage(self.parameters, wanted)
         acting = voltage if level is None else voltage * level
         return where(closed, acting - wanted, acting)
@@ -57,8 +57,8 @@ class ServoLoop:
         """
         first = self.beyond_matrix(begin, closed)
         missing = self.beyond_matrix(end, closed) - first
-        share = size(missing) / (size(end - begin) + NO_CHANGE)
-        mean = first + missing * share * 0.5
+        fraction = size(missing) / (size(end - begin) + NO_CHANGE)
+        mean = first + missing * fraction * 0.5
         if level is None:
             return mean
         volts = [self.law.voltage(self.parameters, wanted) for wanted in (begin, end)]

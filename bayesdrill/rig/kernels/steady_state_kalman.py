@@ -1,6 +1,6 @@
 """Compute the likelihood by a Kalman filter with one steady-state gain.
 
-The Riccati equation is solved by doubling (Anderson 1978), and the start is exact.
+The Riccati equation is solved by doubling (Anderson 1978).
 
 A block of 2^j samples has a transition B and two matrices.  H is the covariance of the state after
 the block, given the state before it.  G is the information of the block's samples on the state
@@ -10,13 +10,13 @@ before it.  Two equal blocks make a block of twice the length:
     G <- G + B' G E
     H <- H + B (1 + H G)^-1 H B'
 
-until H is the steady-state covariance P.  Blocks are combined by the binary digits of the record's
-length: a block and later samples of information G_2 have G + B' G_2 (1 + H G_2)^-1 B together.
+until H is the steady-state covariance P.  By the binary digits of the record's length, blocks are
+joined to later samples with information G_2.  Together they have G + B' G_2 (1 + H G_2)^-1 B.
 
 With the constant gain of P the filter is a linear recurrence.  Each channel of a sample updates
-x <- x + k (y - c x), and the prediction is x <- Phi x + g + Gamma u.  The covariance at the start
-differs from P.  This is corrected at the end, from the information of all samples on the start, see
-`_correct_start`.
+x <- x + k (y - c x), and the prediction is x <- Phi x + g + Gamma u.  The filter takes P for the
+covariance at the start, too.  The result is corrected for this at the end, exactly, from the
+information of all samples on the start (`_correct_start`).
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ from bayesdrill.rig.kernels.numbers import (
 )
 from bayesdrill.rig.kernels.transitions import InputHold, State, Step, Transitions
 
-# Numbers of doublings: for at least 2^7 = 128 samples, and for more than any record has.
+# Smallest and largest number of doublings; no record has 2^44 samples.
 MIN_DOUBLINGS, MAX_DOUBLINGS = 7, 44
 # Largest addition of the next doubling to a channel's variance, relative to this variance.
 COVARIANCE_TOLERANCE = 1e-14
@@ -79,7 +79,7 @@ def _products(
 
 
 # Addresses of the matrices P, Phi, Q, G and A (n, n), gains (see `Gains`), `variances` of noise,
-# `weights`, and pulls `(K, n)`: dc/dx / S of predicted channels c with innovation variance S.
+# `weights`, and pulls `(K, n)`: (dc/dx) / S of a predicted channel c with the innovation variance S.
 Addresses = dict[str, ir.Value]
 
 
@@ -138,8 +138,8 @@ def _double(
     """Store the `following` B, and G (`information`) and H (`p`), for twice as many steps.
 
     Returns whether G has grown by more than rounding, and whether the next addition to H may change
-    the variance of any channel. With the latest additions a_j to this variance, the next is at most
-    a_j^2 / a_j-1. `grown (K,)` stores a_j.
+    the variance of any channel. After the additions a_j-1 and a_j to this variance, the next is at
+    most a_j^2 / a_j-1. `grown (K,)` stores a_j.
     """
     n, b, p, information = system.n, m.b, addresses["p"], addresses["information"]
     lu, x, e, more = (m.room(n * n) for _ in range(4))
@@ -190,7 +190,7 @@ def _add_one(m: Numbers, n: int, x: ir.Value) -> None:
 
 
 def _prepend(m: Numbers, n: int, addresses: Addresses, transition: ir.Value) -> None:
-    """Put the block B, G, H before samples with information `g`; store that of both in `g`."""
+    """Put the block B, G, H before samples with information `g`; store their joint one in `g`."""
     b, end = m.b, addresses["g"]
     lu, x, e = (m.room(n * n) for _ in range(3))
     _decompose_sum(m, n, addresses["p"], end, x, lu, m.room(1))
@@ -236,7 +236,8 @@ def _correct_start(
 
         b' (1 + P G) (1 + P0 G)^-1 (P - P0) b        det(1 + P0 G) / det(1 + P G)
 
-    With P the residuals would be independent.  `b (n,)` is their score of the start.
+    With P the residuals would be independent.  `b (n,)` would be the score of the start: the
+    gradient of the log-likelihood with respect to the state at the start.
     """
     b, p, g = m.b, addresses["p"], addresses["g"]
     settled, known, lu = (m.room(n * n) for _ in range(3))
@@ -255,17 +256,17 @@ def _correct_start(
 
 COUNTS = ("groups", "samples", "lead")  # lead: 1 if the start is before the first sample, else 0
 BLOCKS = {
-    "told": VECTORS,  # (G, P + K): parameters, variances of noise
+    "told": VECTORS,  # (G, P + K) of G groups of walkers: P parameters, K variances of noise
     "spans": NUMBERS,  # (2,): step, and span from the start to the first sample
     "constants": NUMBERS,  # constant inputs
     "start": NUMBERS,  # (n,)
     "weights": NUMBERS,  # (K, n) weights of states in channels
-    "y": NUMBERS,  # (T, K)
-    "u": NUMBERS,  # (T, S or 2 S): sampled inputs and, with a first-order hold, their slopes
+    "y": NUMBERS,  # (T, K) measured values
+    "u": NUMBERS,  # (T, S or 2 S): sampled inputs and, with a first-order hold, their time slopes
     "shown": VECTORS,  # scratch (T / `BLOCK_SAMPLES` + 1, n): scores of blocks
     "out": VECTORS,  # (2 K + 1, G), see `write_steady_state`
 }
-BLOCK_SAMPLES = 8  # samples of a block
+BLOCK_SAMPLES = 8  # number of samples for which one score is stored
 
 
 def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> None:
@@ -333,7 +334,7 @@ def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> No
 class SteadyFilter:
     """The filter has the numbers that all samples of a group of walkers share.
 
-    For `n_informative (1,)` see `_solve_riccati`.
+    `n_informative (1,)` is the argument `first` of `_solve_riccati`.
     """
 
     m: Numbers
@@ -381,7 +382,7 @@ def _emit_sums(w: SteadyFilter, state: list[ir.Value], shown: ir.Value) -> list[
 
 
 def _emit_samples(w: SteadyFilter, blocks: ir.Value, state: list[ir.Value]) -> list[Number]:
-    """Return the sums of squares of all samples; each of the first `blocks` stores its score."""
+    """Return the sums of squares of all samples; the first `blocks` of samples store their scores."""
     m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     pulls, none = _emit_pulls(w), vector(0.0)
     each = Loop(b, blocks, [*state, *[none] * k_count], "blocks")
@@ -407,7 +408,7 @@ def _emit_samples(w: SteadyFilter, blocks: ir.Value, state: list[ir.Value]) -> l
 
 
 def _emit_pulls(w: SteadyFilter) -> ir.Value:
-    """Return pulls A^j `(BLOCK_SAMPLES, K, n)`: how sample j depends on its block's first state."""
+    """Return pulls times A^j `(BLOCK_SAMPLES, K, n)`, for sample j and its block's first state."""
     m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     each = n * k_count
     pulls, a = m.room(BLOCK_SAMPLES * each), w.addresses["a"]
@@ -418,7 +419,7 @@ def _emit_pulls(w: SteadyFilter) -> ir.Value:
 
 
 def _emit_back(w: SteadyFilter, blocks: ir.Value, shown: ir.Value) -> None:
-    """Store the score of the first state: backwards, s <- (A^BLOCK_SAMPLES)' s + a block's score."""
+    """Store the score s of the first state: backwards, s <- (A^BLOCK_SAMPLES)' s + block's score."""
     m, b, n = w.m, w.m.b, w.system.n
     powers, power = m.room(2 * n * n), w.addresses["a"]
     for k in range(BLOCK_SAMPLES.bit_length() - 1):

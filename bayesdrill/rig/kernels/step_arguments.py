@@ -1,4 +1,8 @@
-"""Define the structure and the arguments of kernels for rigs with friction or late inputs."""
+"""Define the structure and the arguments of kernels for rigs with friction or late inputs.
+
+Walkers (sets of parameters) are advanced in groups, as lanes of vectors, by equal steps from node
+to node.  An effort is the torque of a friction, or a voltage drop.
+"""
 
 from __future__ import annotations
 
@@ -21,19 +25,20 @@ from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.friction import DIRECTION, Law, SettlingLaw
 from bayesdrill.rig.models.linear import Model
 
-# G groups, T samples, N steps (`nodes`). A step with a reversal has `turns` parts. `stored` is 1 if
-# signals are stored instead of sums.
+# G groups of walkers, T samples, N steps (`nodes`), K channels, S sampled inputs. A step with an event
+# (zero crossing of a speed, beginning of slip) has `turns` parts. `stored` is 1 if signals are stored
+# instead of sums.
 COUNTS = ("groups", "samples", "nodes", "turns", "stored")
 BLOCKS = {
     "numbers": NUMBERS,  # span of a step; usual span between samples; constant inputs
-    "own": VECTORS,  # (G, vectors of `walker_blocks`): the numbers of each walker
-    "u": NUMBERS,  # (N + 1, S or 2 S) inputs and slopes, with a margin before and after
+    "own": VECTORS,  # (G, V) numbers of each walker; V is the sum of `walker_vectors`
+    "u": NUMBERS,  # (N + 1, S) inputs, or (N + 1, 2 S) with time slopes; rows before and after, too
     "pieces": WHOLE,  # (T,) number of steps to the next sample
-    "usual": WHOLE,  # (T,) 1 if `pieces` is the usual number of steps, and several
+    "usual": WHOLE,  # (T,) 1 if `pieces` is the usual number of steps and greater than 1
     "t": NUMBERS,  # (T,) times of samples, in steps from the first node
-    "y": NUMBERS,  # (T, K)
-    "begin": WHOLE,  # (K,) first observed sample of each channel
-    "trace": VECTORS,  # scratch (N + 1, K, 3) numbers
+    "y": NUMBERS,  # (T, K) measured values, NaN if missing
+    "begin": WHOLE,  # (K,) index of the first observed sample of each channel
+    "trace": VECTORS,  # scratch (N + 1, K, `TRACE_VALUES`), see `time_stepping`
     "out": VECTORS,  # (G, K, n) sums, or (G, T, K) numbers of signals
 }
 
@@ -42,11 +47,12 @@ BLOCKS = {
 class SteppedShape:
     """A kernel is specialised for this structure of a stepped rig and record.
 
-    `series` are sampled inputs; `delayed_series` have a lag, which depends on the walker. `constant`
-    are the non-zero constant inputs. `pattern (K, R)` says which entries of rows may differ from
-    zero; columns are states, 1 and, with `efforts`, frictions. `tally` is None for signals, which a
-    kernel of `SQUARES` can store too. `dual` says that numbers have slopes. `read` says that
-    channels have their own sampling times. `efforts` says that each step shows states and efforts.
+    `series` are sampled inputs; those in `delayed_series` have a lag, which depends on the walker.
+    `constant` are the non-zero constant inputs. `pattern (K, R)` says which weights of channels may
+    differ from zero: those of states, of 1 (the offset) and, with `efforts`, of efforts. The kernel
+    computes the sums of a `tally` or, without one, signals. A kernel with the tally `SQUARES` can do
+    either. `dual` says that numbers have slopes (derivatives). `read` says that channels have their
+    own sampling times. With `efforts`, channels are all states and efforts, in each step.
     """
 
     model: Model
@@ -99,10 +105,10 @@ class SteppedShape:
             at = named[gravity.angle]
             described += [index(gravity.angle), index(gravity.speed), gravity.torque(named, at)]
         if (servo := self.model.saturation) is not None:
-            opened = self.model.parameters.index(servo.duty)
-            # Laws are evaluated at arbitrary numbers, so that different laws give different texts.
+            duty = self.model.parameters.index(servo.duty)
+            # Any numbers will do as arguments: only the formulas are compared, as a text.
             x, y = named[servo.row], named[servo.goal if servo.usual_supply else servo.supply]
-            described += [index(servo.row), opened, servo.voltage(named, x)]
+            described += [index(servo.row), duty, servo.voltage(named, x)]
             described.append(where(servo.is_linear(named, x), x, 0.0))
             described.append(servo.level(named))
             if servo.speed:
@@ -111,13 +117,13 @@ class SteppedShape:
         return described
 
     def _sizes(self, b: Builder, law: Law, named: Any, speed: Any) -> list[Any]:
-        """Return the size by a law, or the sizes in both directions if they differ."""
+        """Return the size of a friction by its law, or the sizes in both directions if they differ."""
         sizes = Sizes.by_law(b, law, named, 0.0 if law.steady else speed, named)
         return [sizes.forward, sizes.backward] if sizes.differ else [sizes.forward]
 
     @property
     def long_steps(self) -> bool:
-        """Return whether long steps are possible: sizes settle, and nothing else needs short steps."""
+        """Return whether long steps are exact: laws settle at high speed, nothing needs short steps."""
         special = self.model.gravities or self.model.saturation
         if self.efforts or self.read or self.delayed_series or special:
             return False
@@ -133,7 +139,7 @@ class SteppedShape:
 
     @property
     def drives(self) -> tuple[str, ...]:
-        """Return the columns that drive a step: inputs, then gravity, then a servo that saturates."""
+        """Return the columns that drive a step: inputs, then gravity, then a nonlinear servo."""
         servo = self.model.saturation
         gravities = (gravity.name for gravity in self.model.gravities)
         return (*self.columns, *gravities, *((servo.name,) if servo else ()))
@@ -171,7 +177,7 @@ class SteppedShape:
 
     @property
     def layout(self) -> Layout:
-        """Return the layout of the matrix."""
+        """Return the layout of the rig's augmented matrix."""
         return Layout.from_model(self.model, self.driven, self.constant, first_order=False)
 
 
@@ -205,7 +211,7 @@ class Rates:
         *,
         later: Number | None = None,
     ) -> list[Number]:
-        """Return the rates at the beginning of a step; if its span is given as `later`, at its end."""
+        """Return the rates at the beginning of a step or, if `later` is the step's span, at its end."""
         shape, first = self.shape, len(self.rows) + 1
         values: dict[int, Number] = dict(enumerate(state)) | drive
         values |= {first + len(shape.drives) + e: effort for e, effort in enumerate(efforts)}

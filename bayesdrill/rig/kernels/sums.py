@@ -1,4 +1,4 @@
-"""Compute for each channel the sums of residuals that densities need."""
+"""Compute for each channel the sums over residuals, such as squares, that noise densities need."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from bayesdrill.rig.kernels.lanes import INT_VEC, VEC, Builder, Values, Vector, 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """A record has the address of its samples `y (T, K)`, which are the same for all walkers.
+    """A record has the addresses of its samples `y (T, K)` and of `begin (K,)`.
 
-    Missing samples are NaN. `begin (K,)` has the index of the first measured sample of each
-    channel. Both are the same for all walkers, so that branches can skip code.
+    Missing samples are NaN. `begin` has the index of the first measured sample of each channel.
+    All walkers (sets of parameters) have the same samples, so that branches can skip missing ones.
     """
 
     b: Builder
@@ -93,7 +93,7 @@ class ResidualSums:
 
 @dataclass(frozen=True, slots=True)
 class _Neighbours(ResidualSums):
-    """The sums are those of squared residuals and squared increments, with both end residuals."""
+    """The sums are those of squared residuals and increments, then the last and first residual."""
 
     start: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
 
@@ -105,8 +105,8 @@ class _Neighbours(ResidualSums):
         return [b.fma(residual, residual, squares), b.fma(step, step, steps), residual, first]
 
 
-_FRACTION = (1 << 52) - 1  # bits of the fraction of a double, ...
-_ONE = 1023 << 52  # ... and the exponent bits of one
+_FRACTION = (1 << 52) - 1  # mask of the 52 bits of a double's fraction
+_ONE = 1023 << 52  # the bits of the double 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +136,7 @@ def _times(b: Builder, product: ir.Value, powers: ir.Value, factor: ir.Value) ->
     return [b.bitcast(fraction, VEC), b.bitcast(whole, VEC)]
 
 
-MAX_INSIDE_SDS = -8.5  # if both ends are 8.5 sds away, the probability outside is 1e-17
+MAX_INSIDE_SDS = -8.5  # (|residual| - width / 2) / sd below which the probability is 1 - 1e-17
 _TURN = 3.0
 # Polynomial in (x - _TURN) / (x + _TURN) for (1 + 2 x) erfcx(x) / 2, x >= 0, with an error of 1e-10
 # (Shepherd and Laframboise 1981).
@@ -160,10 +160,7 @@ _TAIL = (
 
 
 def _tail(b: Builder, far: ir.Value) -> ir.Value:
-    """Return P(z > far) / exp(-far^2 / 2) for a standard normal number z.
-
-    `far` must not be negative.
-    """
+    """Return P(z > far) / exp(-far^2 / 2) for a standard normal z, if `far` is not negative."""
     x = b.fmul(far, vector(math.sqrt(0.5)))
     wide, twice = b.fadd(x, vector(_TURN)), b.fma(x, vector(2.0), vector(1.0))
     over = b.fdiv(vector(1.0), b.fmul(wide, twice))
@@ -177,7 +174,7 @@ class _Intervals(ResidualSums):
 
     The product is stored as in `_Logs`. Each interval is residual +- width / 2. If zero is outside
     an interval, the interval's probability is divided by exp(-x^2 / 2) at the nearer end x; these
-    factors' logs are added up too. The weights are 1 / sd, and width / (2 sd), at least 0.2.
+    factors' logs are added up too. The weights are 1 / sd, and width / (2 sd) >= 0.2.
     """
 
     start: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)

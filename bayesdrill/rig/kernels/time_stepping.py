@@ -3,11 +3,11 @@
 A step is exact while each friction keeps slipping one way or sticking. An event is a zero crossing
 of a sliding speed, or the transition from stick to slip. A step with an event is divided into parts
 with mean efforts (`reversals`). The event is not located in time, and leaves an error of second
-order in the length of a part.
+order in the length of a part. Each lane of a vector is one walker (a set of parameters).
 
 Channels with sampling times of their own are interpolated. Their values and rates are stored at all
-nodes. Between two nodes a channel is the cubic with the values and rates at both nodes (Hermite).
-The rates at both nodes are evaluated with the efforts of the step between them.
+nodes (ends of steps). Between two nodes a channel is the cubic with the values and rates at both
+nodes (Hermite). The rates are evaluated with the efforts (friction torques) of the step.
 """
 
 from __future__ import annotations
@@ -89,16 +89,15 @@ class Writer:
         ]
         self.step = self._step(whole, self.span)
         self.mode = self._friction_mode(self.step)
-        self.stride: FrictionMode | None = (
-            None  # the mode of a long step from sample to sample, if possible
-        )
+        # The mode of a long step from sample to sample, if possible.
+        self.stride: FrictionMode | None = None
         for matrix in stride:
             span = number(b, self.a["numbers"], 1)
             self._exponential(span, matrix)
             self.stride = self._friction_mode(self._step(matrix, span))
 
     def walker_numbers(self, name: str) -> list[Number]:
-        """Load the numbers of a part of `own`, with their slopes, which are stored after them."""
+        """Load a part of the block `own`: numbers, and their slopes, which are stored after them."""
         return self.kind.shaped(self.b.read_row(self.walker[name], self.shape.walker_vectors[name]))
 
     def set_mode(self, state: list[Number]) -> None:
@@ -118,7 +117,7 @@ class Writer:
         store_exponential(b, room, constants, layout, *numbers, increments=False)
 
     def _part_exponential(self, whole: ir.Value, part: ir.Value) -> None:
-        """Store the exponential of a part of a step with a reversal, which may be the whole step."""
+        """Store the exponential of a part of a step with an event; a single part is the whole step."""
         b = self.b
         parted = b.icmp_signed(">", self.a["turns"], 1)
         with b.if_else(parted) as (then, otherwise):
@@ -186,7 +185,7 @@ class Writer:
         self.kind.replace_if_any(changed, [], entered)
 
     def _corrected(self, now: StepStart) -> StepStart:
-        """Return the start of a step with the servo's mean voltage, whose loop may open or close."""
+        """Return the start of a step with the mean voltage of a servo whose loop may open or close."""
         assert self.servo is not None
         servo, step, x = self.servo, self.step, self.x_count
         if step.frictions:
@@ -244,7 +243,7 @@ class Writer:
     def drive(
         self, node: Integer, state: Sequence[Number]
     ) -> tuple[dict[int, Number], dict[str, Number]]:
-        """Return the drives of the step after a node by column, and the inputs in its middle by name.
+        """Return drives by column, and inputs in the middle by name, for the step after a node.
 
         Gravity is evaluated at the angle in the middle of the step, extrapolated with the speed.
         """
@@ -290,20 +289,20 @@ class Writer:
             driving[slope] = (after - reference) / self.span
 
     def _input(self, node: Integer, k: int) -> Number:
-        """Load an input; if it is late, each lane interpolates between two rows at its own lag."""
+        """Load an input; if it has a lag, each lane interpolates between two rows at its own lag."""
         b, shape, count = self.b, self.shape, len(self.shape.columns)
         name = shape.series[k % len(shape.series)]
         if name not in shape.delayed_series:
             index = b.add(b.mul(node, count), k)
             return Vector(b, b.shared(self.a["u"], index))
         late = shape.delayed_series.index(name)
-        share = self.walker_numbers("share")[late]
+        fraction = self.walker_numbers("share")[late]
         behind = b.fptosi(b.read(self.walker["behind"], late), INT_VEC)
         row = b.mul(b.sub(b.splat(node), behind), count)
         here, earlier = (
             Vector(b, b.gather(self.a["u"], b.add(row, k - back))) for back in (0, count)
         )
-        return here + (earlier - here) * share
+        return here + (earlier - here) * fraction
 
     def start(self) -> list[ir.Value]:
         """Return the numbers carried from step to step: state and, if sizes vary, history."""
@@ -422,7 +421,7 @@ class Writer:
         efforts: Sequence[Number],
         totals: list[ir.Value],
     ) -> list[ir.Value]:
-        """Return the new sums, or store signals."""
+        """Return the sums with one more sample, or store the signals at the sample."""
         b, shape = self.b, self.shape
 
         def store() -> None:
@@ -471,7 +470,7 @@ class Writer:
         b.write_row(self.kind.flat([value]), b.offset(self.a["out"], index))
 
 
-TRACE_VALUES = 3  # the value; step times rate after the node, and before the next node
+TRACE_VALUES = 3  # value at a node; span times rate after this node, and before the next node
 
 
 def emit_trace(w: Writer) -> None:
@@ -508,7 +507,7 @@ def _seen_rate(w: Writer, k: int, rates: Sequence[Number]) -> Number:
 def emit_reading(w: Writer) -> None:
     """Observe all samples, each lane at its own time: store signals, or add up sums."""
     b, tally, before = w.b, w.shape.tally, w.walker_numbers("before")
-    begins = [_seen_rate(w, k, before) for k in range(w.k_count)]  # before the start
+    begins = [_seen_rate(w, k, before) for k in range(w.k_count)]  # before start
     if tally != SQUARES:
         _read_samples(w, begins, tally)
         return
@@ -543,14 +542,14 @@ def _read(w: Writer, k: int, when: Number, begin: Number) -> Number:
     node = b.floor(position)
     node = b.select(b.fcmp_ordered("<", node, last), node, last)
     node = b.select(b.fcmp_ordered(">", node, vector(0.0)), node, vector(0.0))
-    share = when - Vector(b, node)
+    fraction = when - Vector(b, node)
     value, after, before = (_load_entries(w, node, k, q) for q in range(TRACE_VALUES))
     rise = _load_entries(w, b.fadd(node, vector(1.0)), k, 0) - value
     bend = rise * 3.0 - after * 2.0 - before
     turn = after + before - rise * 2.0
-    between = value + share * (after + share * (bend + share * turn))
+    between = value + fraction * (after + fraction * (bend + fraction * turn))
     early = Mask(b, b.fcmp_ordered("<", position, vector(0.0)))
-    return where(early, value + share * begin, between)
+    return where(early, value + fraction * begin, between)
 
 
 def _load_entries(w: Writer, node: ir.Value, k: int, q: int) -> Number:

@@ -1,10 +1,10 @@
-"""Compute transition matrices of a group of walkers, over the steps of a record and over other spans.
+"""Compute transition matrices of walkers (sets of parameters), over a record's steps and other spans.
 
-The distinct steps of a record have a table of matrix exponentials.  A span that is not in the table
-is a ratio times a `width`.  Its exponential acts on a state by a ladder, whose rungs are
+The distinct steps of a record have a table of matrix exponentials.  Any other span is expressed as a
+ratio times a `width`.  Its exponential acts on a state by a ladder, whose rungs are
 exponentials over ..., 4, 2, 1, 1/2, 1/4, ... widths: each 1 in the binary digits of the ratio takes
 a product with a rung.  A Taylor series of few terms covers the span that remains after the last
-rung.  The number of rungs below the width that a lane needs follows from the norm of its matrix.
+rung.  The larger the norm of a walker's matrix, the more rungs shorter than the width it needs.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from bayesdrill.rig.kernels.numbers import (
 MAX_SERIES_DEGREE = 14
 MAX_SERIES_NORM = 0.3  # largest norm times span for which a series is used
 SERIES_TAIL = 1e-16  # truncation error of a series, relative to the state
-MAX_HALVINGS = 50  # upper limit for the width: shorter spans are lost in the rounding of times
+MAX_HALVINGS = 50  # largest number of halvings of the width: shorter spans are lost in rounding
 MAX_RUNGS = 60 + MAX_HALVINGS
 LEAST_NORM = 1e-3  # smallest norm times width; a smaller product is raised to this
 MAX_NORM = 1e100  # largest norm; a lane with a larger one has overflowed
@@ -58,7 +58,7 @@ Step = Callable[[State, "InputHold"], State]
 
 
 def table_entries(layout: Layout) -> list[tuple[int, int]]:
-    """Return (row, column) of the entries that tables store: those in reach, in rows of states.
+    """Return (row, column) of the entries that tables store: reachable ones in rows of states.
 
     For a large matrix these are whole rows.
     """
@@ -68,14 +68,14 @@ def table_entries(layout: Layout) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True, slots=True)
 class InputHold:
-    """The sampled inputs have values at a time and, with a first-order hold, slopes from then on."""
+    """The sampled inputs have values at a time and, if interpolated, time slopes from then on."""
 
     inputs: Sequence[Number]
     slopes: Sequence[Number]
 
     @classmethod
     def load(cls, b: Builder, layout: Layout, u: ir.Value, knot: ir.Value) -> InputHold:
-        """Load the inputs and slopes from a knot on, from the block `u` of all knots."""
+        """Load the inputs and time slopes from a knot on, from the block `u` of all knots."""
         columns = layout.size - layout.n_states - 1
         at = b.offset(u, knot, columns) if columns else u
         values = [number(b, at, c) for c in range(columns)]
@@ -109,8 +109,8 @@ class ExponentialLadder:
 class Transitions:
     """The writer has the code that fills and applies the transition matrices of walkers.
 
-    `kind` says whether numbers have slopes. `parameters` are the addresses of the parameters'
-    values and slopes, and `constants` is that of the constant inputs. `table` is the address of the
+    `kind` says whether numbers have derivatives. `parameters` are the addresses of the parameters'
+    values and derivatives, and `constants` is that of constant inputs. `table` is the address of the
     exponentials of steps. `width` is the span that ratios refer to. `rungs` is the address of the
     ladder's exponentials. `halved` says whether sums of a step have two halves, see `sum_products`.
     """
@@ -147,7 +147,7 @@ class Transitions:
             self.kind.put(self.kind.get(e, i * self.layout.size + j), at, entry)
 
     def fill_table(self, nodes: ir.Value, spans: ir.Value, chained: ir.Value | None) -> None:
-        """Store the exponentials of all nodes, over their `spans`.
+        """Store the exponentials of all `nodes`, the entries of the table, over their `spans`.
 
         The exponential of a `chained` node is that of the node before, times that over the width.
         """
@@ -178,7 +178,7 @@ class Transitions:
         if self.layout.large:
             return lambda state, drive: self._multiply_large(at, state, drive)
         phi = {entry: self.kind.get(at, n) for n, entry in enumerate(table_entries(self.layout))}
-        # Nothing depends on an idle state: its entry is the constant one.
+        # No rate depends on an idle state, so its entry on the diagonal is the constant 1.
         unity = Vector(self.b, vector(1.0))
         idle = self.layout.is_zero_column
         phi |= {(i, i): unity for i in range(self.layout.n_states) if idle[i]}
@@ -245,7 +245,7 @@ class Transitions:
 
     @cached_property
     def _constant_rates(self) -> set[tuple[int, int]]:
-        """Return (row, column) of those entries that depend on no parameter and have no slope."""
+        """Return those `_rate_entries` that depend on no parameter and thus have no derivative."""
         entries = self.layout.entries([Dual(1.0, 1.0)] * self.layout.n_numbers)
         depends = {(row, column) for row, column, value in entries if isinstance(value, Dual)}
         return {*self._rate_entries} - depends
@@ -290,13 +290,13 @@ class Transitions:
             b.store(each, b.offset(ladder.counts, place))
         e = self.kind.room(self.layout.size**2)
         with b.if_then(b.icmp_signed(">", rungs, 0)), b.loop(rungs, "rungs") as rung:
-            self.exponentiate(self.width * Vector(b, self._rung_share(rung)), e)
+            self.exponentiate(self.width * Vector(b, self._rung_ratio(rung)), e)
             self.store(e, self.rungs, rung)
 
     def _store_weights(self, size: ir.Value, degree: ir.Value) -> ir.Value:
         """Store weights 1/k up to the degree of each lane, then 0; return degrees of at least `degree`.
 
-        With its degree a series in a number up to `size` neglects about `SERIES_TAIL` of the state.
+        The truncated series of exp(x) for x <= `size` lacks about `SERIES_TAIL` of the state.
         """
         b = self.b
         for k in range(1, MAX_SERIES_DEGREE):
@@ -309,7 +309,7 @@ class Transitions:
             b.write(b.select(wanted, vector(1 / k), vector(0.0)), self._ladder.weights, k)
         return degree
 
-    def _rung_share(self, rung: ir.Value) -> ir.Value:
+    def _rung_ratio(self, rung: ir.Value) -> ir.Value:
         """Return the span of a rung divided by the width: 2^(high - 1 - rung)."""
         high = self.b.load(self.b.offset(self._ladder.counts, 1))
         exponent = self.b.add(self.b.sub(high, rung), 1023 - 1)
@@ -319,7 +319,7 @@ class Transitions:
         """Return state and drive after a span of `ratio` times the width."""
         b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
         _, high, rungs = (b.load(b.offset(ladder.counts, place)) for place in range(3))
-        # Inputs are numbers with slopes only if the ratio is.
+        # Inputs receive derivatives only from a ratio that has one.
         plain = Numbers(b, isinstance(ratio, Dual))
 
         def flat(numbers: State) -> Values:
@@ -339,21 +339,21 @@ class Transitions:
         more = b.sub(rungs, above)
         with b.if_then(b.icmp_signed(">", more, 0)), b.loop(more, "ladder") as step:
             rung = b.add(above, step)
-            *old, left = shaped(b.read_slots(slots))
-            share = Vector(b, self._rung_share(rung))
-            taken = b.fcmp_ordered(">=", dual(left).value.value, share.value)
+            *old, remaining = shaped(b.read_slots(slots))
+            rung_ratio = Vector(b, self._rung_ratio(rung))
+            taken = b.fcmp_ordered(">=", dual(remaining).value.value, rung_ratio.value)
             depth = b.load(ladder.halvings)
             reached = b.icmp_signed("<", b.splat(b.sub(rung, high)), depth)
             taken = b.and_(taken, reached)
             with b.if_then(b.anywhere(taken)):
                 here = InputHold(old[x:], drive.slopes)
                 new = self.step(self.rungs, rung)(old[:x], here)
-                new += here.later(share * self.width).inputs
-                pairs = zip([*new, left - share], [*old, left], strict=True)
+                new += here.later(rung_ratio * self.width).inputs
+                pairs = zip([*new, remaining - rung_ratio], [*old, remaining], strict=True)
                 b.write_slots(flat([where(Mask(b, taken), *pair) for pair in pairs]), slots)
-        *moved, left = shaped(b.read_slots(slots))
+        *moved, remaining = shaped(b.read_slots(slots))
         state, drive = moved[:x], InputHold(moved[x:], drive.slopes)
-        return self._series(left, state, drive), drive.later(left * self.width)
+        return self._series(remaining, state, drive), drive.later(remaining * self.width)
 
     def _series(self, ratio: Number, state: State, drive: InputHold) -> State:
         """Return the state after a span of `ratio` times the width, by a Taylor series.

@@ -29,13 +29,13 @@ MODELS: Registry[type[Model]] = Registry("rig", _RIGS, judge=check_rig)
 
 
 def _rigs() -> list[Model]:
-    """Return each usable rig with all its options, except rigs with private names of symbols."""
+    """Return each usable rig with all its options, except rigs whose configs name the symbols."""
     rigs = [with_all(kind()) for kind in MODELS.usable().values()]
     return [rig for rig in rigs if not rig.has_private_names]
 
 
 def _all(role: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:
-    """Return the `known` symbols, then those that rigs declare.
+    """Return the `known` symbols, then those that rigs declare for a `role`, such as `states`.
 
     A rig cannot redefine a name that is already `known`.
     """
@@ -50,4 +50,4 @@ def _all(role: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:
 
 PARAMETERS = _all("parameters", symbols.PARAMETERS)
 STATES = _all("states", symbols.STATES)
-INNER = frozenset(name for rig in _rigs() for name in rig.inner)  # states without a start value
+INNER = frozenset(name for rig in _rigs() for name in rig.inner)  # states that start at zero

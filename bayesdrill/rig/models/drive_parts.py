@@ -37,7 +37,7 @@ class Gear:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A drive moves an inertia, and is one of the `DRIVES`.
+    """A drive moves an inertia; its `kind` is one of the `DRIVES`.
 
     `supply` [V] is the usual supply voltage of a servo whose supply is measured, otherwise zero.
     """
@@ -60,7 +60,7 @@ def _ends(name: str, value: Any) -> tuple[str, str]:
 
 
 def _by_name(kind: type, example: str, make: Callable[[str, Any], Any], value: Any) -> Any:
-    """Make parts from a mapping of names to entries, or again from a tuple of such parts."""
+    """Make parts from a mapping of names to entries, or from a tuple of parts made earlier."""
     if isinstance(value, tuple) and all(isinstance(part, kind) for part in value):
         pairs = [_entry(part) for part in value]
     elif isinstance(value, Mapping):

@@ -1,13 +1,13 @@
 """Derive the equations of a rig from its parts, by Newton's law for inertias that turn as one.
 
-    J w' = sum of torques,  J = j + sum of (i / i_b)^2 j_b        for inertias that turn as one
+    J w' = sum of (n^2 / n_b) T_b,  J = sum of (n / n_b)^2 j_b    for inertias j_b that turn as one
     l i' = u - (r + r_s) i - k_e w_b                              for each motor with an inductance
     u = supply duty (k_p (goal - theta_b) - k_d w_b)              for a servo (see `servo`)
 
-J is referred to the first of these inertias, whose speed is w.  The state is the speed behind the gear:
-`reduction` i times the speed of an inertia before the gear.  A torque T on such an inertia acts on the
-state like a torque T/i behind the gear.  A shaft or a damper acts on both of its ends, except on the
-ground and on an end with an imposed motion.
+An inertia j_b has the angle theta_b, the speed w_b, the `reduction` n_b and the torque T_b.  The state
+w is the speed behind the gear, w = n_b w_b for all b.  J is referred to the first of these inertias,
+which has the reduction n.  A shaft or a damper acts on both of its ends, except on the ground and on
+an end with an imposed motion.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class _Parts:
         return total
 
     def torque_factor(self, inertia: InertiaRoles) -> float:
-        """Return f in J w' = f T for a torque T on the inertia: w is the state, J its inertia."""
+        """Return the factor n^2 / n_b of a torque on the inertia, see the module's first equation."""
         first = self.moving[inertia.speed][0]
         if inertia.reduction == first.reduction:
             return first.reduction
@@ -115,7 +115,7 @@ class _Parts:
         return self.names.issuperset(names)
 
     def _ends(self, shaft: ShaftRoles) -> list[tuple[InertiaRoles, InertiaRoles | None]]:
-        """Return (near, far) by end of a shaft if the end's speed is a state; a far ground is None."""
+        """Return (near, far) for each end of a shaft whose speed is a state; far is None for ground."""
         first, second = (
             None if name == GROUND else self.roles.inertia(name) for name in shaft.ends
         )

@@ -3,10 +3,10 @@
     w' = ... + b T,  b < 0               T = sgn(w) size    while it moves,
                                          |T| <= size        while it sticks
 
-`Friction` names an effort T, its law, and the speed (or current) w that T is `against`.  The effort
-has a column of the rig's `B`, with b in the row of w.  Laws give sizes, never signs.  Their argument is
-the magnitude of the speed.  A law that differs by direction also receives `DIRECTION`, which is 1
-forwards and -1 backwards.
+`Friction` names an effort T (a torque, or a voltage drop), its law, and the speed (or current) w that T
+opposes.  The effort has a column of the rig's `B`, with b in the row of w.  Laws give sizes, never
+signs.  Their argument is the magnitude of the speed.  A law that differs by direction also receives
+`DIRECTION`, which is 1 forwards and -1 backwards.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from bayesdrill.basics.duals import below, exp, sin, size, where
 from bayesdrill.basics.symbols import Symbol
 
 Named = Mapping[str, NDArray[np.float64] | float]
-DIRECTION = "direction"  # name of the sign of the speed among the arguments of a law
+DIRECTION = "direction"  # key of the speed's sign among the values that a law has `seen`
 
 
 class Law(Protocol):
@@ -128,7 +128,7 @@ class Coulomb:
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """Return the direction if the size differs by it."""
+        """Return `DIRECTION` if the size differs by direction."""
         return (DIRECTION,) if self.backward else ()
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
@@ -160,7 +160,7 @@ class Stribeck:
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """Return the direction if the size differs by it."""
+        """Return `DIRECTION` if the size differs by direction."""
         return (DIRECTION,) if any(self.backward) else ()
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:

@@ -24,7 +24,7 @@ TorqueLocation = str  # the name of an inertia
 Smoothness = Literal["1/2", "3/2"]
 
 SIZE, TIME = "s_d", "tau_d"
-TORQUE, RATE = "torque", "torque_rate"  # states, scaled to unit variance
+TORQUE, RATE = "torque", "torque_rate"  # names of the states, which have unit variance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,8 +86,8 @@ class AugmentedModel(WrappedModel):
     """The augmented model has the states of a `rig`, then those of a missing torque.
 
     The size and the correlation time of the torque are further parameters. An unrestrained rig can
-    turn as a whole without any restoring torque. All other angles are then relative to the last
-    angle, which is a state only if it is `observable`.
+    turn as a whole without any restoring torque. Its last angle is then a state only if it is
+    `observable`, and all other angles are relative to the last.
     """
 
     torque: MissingTorque
@@ -203,5 +203,5 @@ def augment(
     free = len(angle_names) > 1 and steady_state.rotates_freely(
         matrix, [rig.states.index(name) for name in angle_names]
     )
-    alone = any(sum(each.get(name, 0.0) for name in angle_names) != 0.0 for each in weights)
-    return AugmentedModel(rig, torque, free, alone or not free)
+    shown = any(sum(each.get(name, 0.0) for name in angle_names) != 0.0 for each in weights)
+    return AugmentedModel(rig, torque, free, shown or not free)

@@ -157,7 +157,7 @@ class Model(Protocol):
 
     @property
     def saturation(self) -> Saturation | None:
-        """Return the servo that saturates or has a dead band, a column of `B`, or None."""
+        """Return the servo that is nonlinear or has a measured supply, or None; see `Saturation`."""
         return None
 
     @property
@@ -226,7 +226,7 @@ def gear_factor(rig: Model, symbol: Symbol, side: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class WrappedModel(Model):
-    """A wrapped model forwards all members that it does not define to its `rig`; it has no options."""
+    """A wrapped model takes the members that it does not define from its `rig`; it has no options."""
 
     rig: Model
 
@@ -250,7 +250,7 @@ class WrappedModel(Model):
 class ParameterNames:
     """The descriptor gives the parameters `fixed_names`, then those that are `added`.
 
-    On the class, it gives only `fixed_names`.
+    If it is read from the class, it gives only `fixed_names`.
     """
 
     fixed_names: tuple[str, ...]
@@ -263,8 +263,8 @@ class ParameterNames:
 class StateNames:
     """The descriptor gives the states `fixed_names`, then those of added parameters.
 
-    `added_states` maps each group of parameters to the states that exist if the whole group is added. On
-    the class, the descriptor gives only `fixed_names`.
+    `added_states` maps each group of parameters to the states that exist if the whole group is added.
+    If the descriptor is read from the class, it gives only `fixed_names`.
     """
 
     fixed_names: tuple[str, ...]
@@ -309,7 +309,7 @@ def weak_statics(rig: Model, p: Mapping[str, Any]) -> dict[str, str]:
 
 
 def surplus_frictions(rig: Model, unknown: Collection[str]) -> dict[str, str]:
-    """Return messages on unknown frictions of constant sign that others by direction make redundant."""
+    """Return messages on each unknown `friction` that is redundant with `sliding` and `sliding_back`."""
     messages = {}
     for rubbing, joined in itertools.product(rig.roles.inertias, repeat=2):
         by_direction = {rubbing.sliding, rubbing.sliding_back}

@@ -37,7 +37,7 @@ Elements = Annotated[
 
 
 def _declared() -> tuple[Symbol, ...]:
-    """Return the symbols of the inner nodes, without rad: turning the whole rig changes none of them."""
+    """Return the symbols of the inner nodes, whose units exclude them from `Model.angles`."""
     what = "of the shaft at an inner node, minus that of a straight line between its ends"
     nodes = range(1, MAX_ELEMENTS)
     return (
@@ -98,8 +98,8 @@ class LongShaft(Model):
             within = self._within(k, springs, p["j_s"] / n)
             for (row, column), value in rows.items():
                 if row in ("w_1", "w_2"):
-                    share = k / n if row == "w_1" else 1.0 - k / n
-                    within[column] = within.get(column, 0.0) - share * value
+                    weight = k / n if row == "w_1" else 1.0 - k / n
+                    within[column] = within.get(column, 0.0) - weight * value
             for column, value in within.items():
                 if column is None:
                     c[f"dphi_{k}"] = value

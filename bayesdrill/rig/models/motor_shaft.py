@@ -34,7 +34,8 @@ In `two_rotors`, `j_2` and `r_s` are known.  With the motor's angle theta_3 = th
     j_m theta_3'' + c_m theta_3' - k_T i + t_f = -i_m (k_s (theta_2 - theta_1) + j_2 theta_2'')
 
 The second equation times i_m has the term (j_m + i_m^2 j_2) theta_2''.  A record determines only such
-sums.  So both symmetries of a `motor_shaft` remain, but they multiply these sums, not j_m and r_m.
+sums.  A `motor_shaft` has two scalings of its parameters that leave the response unchanged.  They
+remain, but multiply these sums instead of j_m and r_m.
 
 A `driven_shaft` has no motor: the motion of its upper end is measured, and the speed `w_2` of that end
 is an input.  If an imposed angle is linear between samples, this speed is constant between samples.

@@ -44,16 +44,16 @@ class InertiaRoles:
 
     `name` is its name in configs, and `words` its name in sentences (`the motor`).
 
-    `angle` and `speed` are states: `reduction` times the angle and speed of the inertia itself. If
-    `speed` is an input, the motion is imposed. `friction` has a constant sign. `sliding` and `static`
-    are dry friction; their difference decays exponentially over the speed `fading`. `drag` times the
-    squared speed is a torque. `sliding_back`, `static_back` and `damping_back` are the values for
+    `angle` and `speed` are states: `reduction` times the angle and speed of the inertia itself. An
+    imposed `speed` is an input instead. `friction` is a constant torque backwards. `sliding` and
+    `static` are dry friction; their difference decays with the speed scale `fading`. `drag` times
+    the squared speed is a torque. `sliding_back`, `static_back` and `damping_back` are the values for
     backward motion if they differ. Of the input torques, `torque` pushes forwards and `load`
     backwards. `efficiency` is that of the gear that the inertia drives, and `efficiency_back` the
     efficiency while the load drives. `weight` is the largest torque of gravity; this torque is zero
-    at the angle -`tilt`. `cutting` has the coefficients of the rock that the inertia cuts with the
-    input `bit_weight` on it. `effort` is the symbol of the dry friction. `latex` is the symbol of the
-    inertia's own angle if this angle is no state.
+    at the angle -`tilt`. `cutting` has the coefficients of the rock that the inertia cuts under the
+    weight `bit_weight`, an input. `effort` is the symbol of the dry friction. `latex` is the symbol of
+    the inertia's own angle if this angle is no state.
     """
 
     name: str
@@ -164,7 +164,7 @@ class Roles:
     def moving(
         self, states: Collection[str], parameters: Collection[str]
     ) -> dict[str, list[InertiaRoles]]:
-        """Return for each speed in `states` the inertias in `parameters` that turn with it."""
+        """Return for each speed in `states` the inertias with this speed, if `parameters` has them."""
         moving: dict[str, list[InertiaRoles]] = {}
         for inertia in self.inertias:
             if inertia.speed in states and inertia.inertia in parameters:
@@ -172,9 +172,9 @@ class Roles:
         return moving
 
     def at_friction(self, against: str, where: str = "") -> InertiaRoles | None:
-        """Return the inertia at `where`, or else the first, among those with the speed `against`."""
-        alike = [inertia for inertia in self.inertias if inertia.speed == against]
-        return next((inertia for inertia in alike if inertia.at == where), (*alike, None)[0])
+        """Among inertias with the speed `against`, return the one at `where` or else the first."""
+        joined = [inertia for inertia in self.inertias if inertia.speed == against]
+        return next((inertia for inertia in joined if inertia.at == where), (*joined, None)[0])
 
     def moved(self, drive: str) -> tuple[InertiaRoles, str] | None:
         """Return the inertia that an input drives, and the kind of input, such as `voltage`."""

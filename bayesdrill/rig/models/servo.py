@@ -58,7 +58,7 @@ class Saturation:
         return dead * p[self.proportional] if self.proportional else dead
 
     def is_linear(self, p: Named, wanted: Any) -> Any:
-        """Return where a `wanted` voltage is neither saturated nor in the dead band."""
+        """Return whether a `wanted` voltage is neither saturated nor in the dead band."""
         inner, reach, dead = size(wanted), self.max_voltage(p), self.dead_band(p)
         inner = inner if dead is None else inner - dead
         if reach is None:
@@ -77,15 +77,15 @@ class Saturation:
         return signed(most, wanted)
 
     def moved(self, p: Named, span: Any, reference: Any, goal: Any) -> tuple[Any, Any]:
-        """Return the reference after the time `span`, and its mean over it, for a constant goal."""
+        """Return the reference after the time `span`, and its mean over `span`, for a constant goal."""
         most, gap = p[self.speed] * span, goal - reference
         is_behind = below(most, size(gap))
-        share = where(is_behind, 1.0, size(gap) / most)  # (time to reach the goal) / span
+        fraction = where(is_behind, 1.0, size(gap) / most)  # (time to reach the goal) / span
         step = signed(where(is_behind, most, size(gap)), gap)
-        return reference + step, reference + step - step * share * 0.5
+        return reference + step, reference + step - step * fraction * 0.5
 
     def reference(self, p: Mapping[str, float], t: Array, goal: Array | float) -> Array | float:
-        """Return the reference for a goal `(T,)` at times `t`; a constant or unlimited goal itself."""
+        """Return the reference for a goal `(T,)` at times `t`; the goal if constant or unlimited."""
         if not self.speed or np.ndim(goal) == 0:
             return goal
         reference = [float(goal[0])]  # type: ignore[index]
@@ -94,11 +94,11 @@ class Saturation:
         return np.array(reference)
 
     def wanted(self, linear: Any, p: Named, values: Mapping[str, Any]) -> Any:
-        """Return the wanted voltage at `values`, from `linear` of the closed minus the open loop."""
+        """Return the wanted voltage at `values`: (closed minus open loop) / (rate per volt)."""
         closed, opened = linear(p), linear({**p, self.duty: 0.0})
         total: Any = closed.c.get(self.row, 0.0) - opened.c.get(self.row, 0.0)
-        for both in ("A", "B"):
-            here, there = getattr(closed, both), getattr(opened, both)
+        for part in ("A", "B"):
+            here, there = getattr(closed, part), getattr(opened, part)
             for row, column in (key for key in here if key[0] == self.row and key[1] in values):
                 total = total + (here[row, column] - there[row, column]) * values[column]
         return total / closed.B[self.row, self.name]

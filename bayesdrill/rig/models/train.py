@@ -225,7 +225,7 @@ CIRCUIT = (
     Row("inductance", "l", "H", "inductance of", ()),
     Row("drop", "v_d", "V", "voltage drop at", ("inductance",), "not negative"),
 )
-# Letters, units and words of a linear train, by those of a rotary train.
+# Letters, units and words of a linear train; the keys are those of a rotary train.
 LINEAR: Mapping[str, str] = {
     "j": "m",
     "theta": "x",

@@ -97,12 +97,12 @@ def _check_frictions(rig: Any) -> None:
             raise ValueError(
                 f"the friction {friction.name} names {', '.join(strange)}, which the rig lacks"
             )
-        some: Any = Dual(np.ones(2), np.ones(2))
+        ones: Any = Dual(np.ones(2), np.ones(2))
         p, signals = (
-            dict.fromkeys(names, some) for names in (friction.law.parameters, friction.law.seen)
+            dict.fromkeys(names, ones) for names in (friction.law.parameters, friction.law.seen)
         )
         try:
-            friction.law.size(p, some, signals)
+            friction.law.size(p, ones, signals)
         except Exception as error:
             wanted = "its law uses values that it does not name, or functions beyond `basics.duals`"
             why = f"{type(error).__name__}: {error}"

@@ -33,14 +33,14 @@ class Motion:
     efforts: Array
 
 
-REVERSAL_SUBSTEPS = 4  # parts of a step; 2 have several times the error, 8 about the same
+REVERSAL_SUBSTEPS = 4  # parts of a step with an event; 2 have a far larger error, 8 a similar one
 
 
 class Stepping(NamedTuple):
     """These settings define the time steps of a simulator.
 
     `pieces` is the number of steps from one sample to the next, and `turns` the number of parts of a
-    step with a reversal. `chosen` says that both numbers were adapted to the noise.
+    step with an event, such as a reversal. `chosen` says that both were adapted to the noise.
     """
 
     pieces: int
@@ -51,9 +51,9 @@ class Stepping(NamedTuple):
 class Simulator(ABC):
     """A simulator computes the channels of an experiment; it is a frozen dataclass.
 
-    Parameters are `full (W, P)` in SI, with columns in the order of `parameters`: those of the
-    `model`, then those of sensors and start. All results are batch-first. If the numbers of
-    a walker overflow, only its own row is NaN.
+    Parameters are `full (W, P)` in SI: a row for each walker (set of parameters), with columns in
+    the order of `parameters`: those of the `model`, then those of sensors and start. All results
+    are batch-first. If the numbers of a walker overflow, only its own row is NaN.
     """
 
     model: Model
@@ -74,10 +74,7 @@ class Simulator(ABC):
 
     @property
     def record(self) -> Mapping[str, Array] | None:
-        """Return channels `y` and inputs `u` for the steady Kalman filter, see `record_blocks`.
-
-        The result is None if this filter cannot be used.
-        """
+        """Return `record_blocks` for the steady Kalman filter, or None if it cannot be used."""
         return None
 
     @property
@@ -148,10 +145,10 @@ class Simulator(ABC):
         return log_sums(self.sums(full, LOGS, weights[..., None]))
 
     def intervals(self, full: Array, inverse_sds: Array, half: Array) -> Array:
-        """Return sums `(W, K)` of log P(|z - over * residual| < half) for a standard normal z.
+        """Return sums `(W, K)` of log P(|z - residual / sd| < `half`) for a standard normal z.
 
-        `inverse_sds (W, K)` is 1 / sd, and `half (W, K)` half the width of the interval divided by the
-        sd, at least 0.2.
+        `inverse_sds (W, K)` is 1 / sd. `half (W, K)` is half the width of the interval divided by sd,
+        at least 0.2.
         """
         totals = self.sums(full, INTERVALS, np.stack([inverse_sds, half], axis=-1))
         return np.asarray(log_sums(totals[..., :3]) + totals[..., 3])
@@ -192,10 +189,7 @@ class Simulator(ABC):
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
 
     def of(self, experiment: Experiment) -> Simulator:
-        """Return the simulator of another experiment with the same sensors.
-
-        The experiment may have further channels.
-        """
+        """Return the simulator of another experiment with these sensors, and maybe further channels."""
         return dataclasses.replace(self, experiment=experiment)  # type: ignore[type-var]
 
     def with_record(self, y: Array) -> Simulator:
@@ -240,10 +234,7 @@ def whitened(values: Array, observed: Flags, scales: Array) -> Array:
 
 
 def log_sums(tally: Array) -> Array:
-    """Return the logs `(W, K)` of the products in registers `tally (W, K, 3)` of `kernels.sums`.
-
-    The logs are NaN if the squares may have overflowed.
-    """
+    """Return logs `(W, K)` of products in registers `tally (W, K, 3)`, NaN if squares may overflow."""
     squares, product, powers = np.moveaxis(tally, -1, 0)
     whole = np.ascontiguousarray(powers).view(np.int64)
     logs = np.log(product) + math.log(2.0) * whole
@@ -256,7 +247,7 @@ def first_observed(y: Array) -> Indices:
 
 
 def aligned(scratch: Array) -> int:
-    """Return the first address in `scratch` that begins a cache line, as vectors across two are slow."""
+    """Return the first address in `scratch` that begins a cache line: vectors in two lines are slow."""
     start = address(scratch)
     return start + -start % 64
 

@@ -1,4 +1,4 @@
-"""Filter, smooth and draw records with a latent torque, for all walkers at once.
+"""Filter, smooth and draw records with a latent torque, for all walkers (parameter sets) at once.
 
 Residuals are the record minus the response without the torque. They follow from a state of the rig that
 is zero at the start and driven only by the torque. The torque begins with its stationary variance.
@@ -175,8 +175,8 @@ class KalmanFilter:
         """
         sizes, changes = sigmas
         variances = [sizes**2, 2.0 * sizes * changes]
-        rests = [self._filled(pair) for pair in residuals]
-        filtered = self._run("slopes", list(parameters), variances, rests, 4)
+        filled = [self._filled(pair) for pair in residuals]
+        filtered = self._run("slopes", list(parameters), variances, filled, 4)
         return filtered[..., 0], filtered[..., 1], filtered[..., 2], filtered[..., 3]
 
     def smooth(self, parameters: Array, sigmas: Array, residuals: Array) -> Array:
@@ -202,7 +202,7 @@ class KalmanFilter:
         residuals: list[Array],
         each: int,
     ) -> Array:
-        """Run a kernel that returns `each` numbers per channel or, if 0, states (and channels)."""
+        """Run a kernel; return `each` numbers per channel or, if `each` is 0, states (and channels)."""
         system, width = self.system, len(parameters)
         n_walkers, t_count = len(parameters[0]), len(self.experiment.t)
         columns = system.k * each if each else system.n + (system.k if name == "draw" else 0)

@@ -1,7 +1,7 @@
 """Compute the response of a linear rig to constant and sampled inputs, exact except for rounding.
 
-For each distinct step length, the matrix exponential is computed. If there are many lengths, its
-action on the state is computed at each step instead. A recurrence over the samples follows. A sampled
+A recurrence over the samples uses the matrix exponential of each distinct step length. If there are
+many lengths, the action of the exponential on the state is computed at each step instead. A sampled
 input is constant between samples (zero-order hold) or interpolated linearly (first-order hold). The
 discrete system is exact for both holds (Van Loan 1978). Sensors may have delays, gains and offsets,
 and the start may be unknown (`sensors`).
@@ -40,7 +40,7 @@ from bayesdrill.rig.simulators.time_grid import Grid, inputs_at_knots
 # Largest number of values in a record whose signals a kernel stores for eight walkers at once.
 MAX_GROUPED = 8_000_000
 PERFECT = ObservationModel()
-MAX_AHEAD = 4  # largest advance of a channel, as a multiple of the record's length
+MAX_AHEAD = 4  # largest negative delay of a channel, as a multiple of the record's length
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Response(Simulator):
 
     @cached_property
     def record(self) -> Mapping[str, Array] | None:
-        """See `Simulator.record`; None unless times are even, and sensors perfect and complete."""
+        """See `Simulator.record`; None unless times are even, sensors perfect and all samples there."""
         experiment = self.experiment
         plain = self.sensing.empty and experiment.uniform and bool(experiment.is_measured.all())
         return record_blocks(experiment) if plain else None
@@ -139,7 +139,7 @@ class Response(Simulator):
     def _bind(
         self, tally: ResidualSums | None, q: int, ahead: int, *, stored: bool
     ) -> tuple[BoundFunction, int]:
-        """Return the kernel, bound to all arguments that walkers share, and the size of scratch.
+        """Return the kernel, bound to all arguments that walkers share, and the size of its scratch.
 
         There are q directions, and `ahead` further knots after the record.
         """
@@ -194,7 +194,7 @@ class Response(Simulator):
 
     @cached_property
     def _high(self) -> int:
-        """Return the number of rungs >= `width` in `kernels.transitions`; -1 if nothing needs rungs."""
+        """Return how many rungs of `kernels.transitions` span at least `width`; -1 without a ladder."""
         g = self._grid
         if not any(self._is_delayed):
             return 0 if g.width > 0.0 else -1

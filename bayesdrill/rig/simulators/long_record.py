@@ -1,7 +1,7 @@
 """Compute the inputs of a long record and the response of a rig to them, part by part.
 
 A response in extended precision (80 bits if the platform has them) is the reference for responses at
-other parameters. In double precision, it replaces a kernel that needs memory for eight walkers at once.
+other parameters. In double precision, the same code replaces a kernel that would need too much memory.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def input_layout(model: Model, experiment: Experiment) -> Layout:
 
 
 def record_blocks(experiment: Experiment) -> dict[str, Array]:
-    """Return record and inputs `(T, S)` at even times; `(T, 2 S)` with slopes for a first-order hold."""
+    """Return record and inputs `(T, S)` at even times; `(T, 2 S)` with time slopes if interpolated."""
     series = [*experiment.series.values()]
     if experiment.first_order:
         series += [np.append(np.diff(u), 0.0) / experiment.dt for u in series]

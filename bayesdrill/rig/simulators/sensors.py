@@ -30,7 +30,7 @@ def signal_names(model: Model) -> tuple[str, ...]:
 
 
 def state_weights(model: Model, combines: Mapping[str, float]) -> dict[str, float]:
-    """Convert weights of `signal_names` in a sum to weights of states."""
+    """Convert weights of signals, see `signal_names`, to weights of states."""
     weights: dict[str, float] = {}
     for name, factor in combines.items():
         for state, weight in model.combinations.get(name, {name: 1.0}).items():
@@ -143,7 +143,7 @@ def observed_model(rig: Model, sensing: ObservationModel) -> Model:
 
 @dataclass(frozen=True)
 class SensorParameters:
-    """The columns of `full (W, P)` are the model's parameters, then those that `sensing` names.
+    """A walker's row of `full (W, P)` has the model's parameters, then those that `sensing` names.
 
     `full` may be a `Dual`; results then have derivatives too.
     """
@@ -179,7 +179,7 @@ class SensorParameters:
         return linear_map(lambda part: part[:, place], full)
 
     def placed(self, places: Mapping[int, str], count: int, full: Any) -> Any:
-        """Return an array `(W, count)` with named columns at the indices `places`, otherwise zero."""
+        """Return `(W, count)`: named columns of `full` at the indices in `places`, zeros elsewhere."""
         columns = [self.parameters.index(name) for name in places.values()]
 
         def spread(part: Array) -> Array:
@@ -200,8 +200,7 @@ class SensorParameters:
     def knots(self) -> tuple[Array, dict[str, Array]]:
         """Return the times of start and samples, and the sampled inputs at these times.
 
-        Steps that are nearly equal become equal. At an earlier start, inputs have their values at
-        the first sample.
+        Nearly equal steps become equal. Inputs at an earlier start are those at the first sample.
         """
         experiment = self.experiment
         t = np.asarray(experiment.t)

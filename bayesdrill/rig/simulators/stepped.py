@@ -83,9 +83,9 @@ class Stepped(Simulator):
         with np.errstate(all="ignore"):
             nodes = self._run(self._nodes, full, efforts=True)
         states, efforts = np.split(nodes, [len(self.model.states)], axis=2)
-        last, share = self._grid.locate(self.experiment.t)
-        share = share[None, :, None]
-        states = states[:, last] * (1 - share) + states[:, last + 1] * share
+        last, fraction = self._grid.locate(self.experiment.t)
+        fraction = fraction[None, :, None]
+        states = states[:, last] * (1 - fraction) + states[:, last + 1] * fraction
         return Motion(states=states, efforts=efforts[:, last])
 
     # Arguments of the kernels.
@@ -106,13 +106,13 @@ class Stepped(Simulator):
         return {}
 
     def _bind(
-        self, ahead: UniformGrid, tally: ResidualSums | None, **kind: bool
+        self, grid: UniformGrid, tally: ResidualSums | None, **kind: bool
     ) -> tuple[SteppedShape, tuple[str, ...], BoundFunction]:
         """Return the structure of a kernel, the names of its `walker_blocks`, and the kernel.
 
-        The kernel is bound to all arguments that walkers share.
+        The kernel is bound to all arguments that walkers (sets of parameters) share.
         """
-        wanted = (id(ahead), tally, *kind.values())
+        wanted = (id(grid), tally, *kind.values())
         if wanted not in self._functions:
             w, experiment = self.sensors, self.experiment
             # The last column is for offsets; it is always there, so that one kernel serves all sensors.
@@ -130,8 +130,8 @@ class Stepped(Simulator):
             )
             inputs = [experiment.constant[name] for name in shape.constant]
             bound = compile_kernel(write_stepping, shape).bind(
-                "stepping", numbers=np.array([*ahead.spans, *inputs]), pieces=ahead.counts,
-                usual=ahead.usual, t=ahead.places, samples=ahead.samples, turns=self.turns,
+                "stepping", numbers=np.array([*grid.spans, *inputs]), pieces=grid.counts,
+                usual=grid.usual, t=grid.places, samples=grid.samples, turns=self.turns,
                 y=w.padded, begin=first_observed(w.padded),
             )  # fmt: skip
             self._functions[wanted] = shape, tuple(shape.walker_blocks), bound
@@ -139,7 +139,7 @@ class Stepped(Simulator):
 
     def _run(
         self,
-        ahead: UniformGrid,
+        grid: UniformGrid,
         full: Array,
         directions: Array | None = None,
         *,
@@ -153,24 +153,24 @@ class Stepped(Simulator):
             parts["weight"] = [weights]
         if efforts:
             parts["rows"] = [_unit_rows(self.model)]
-        read = not efforts and (self.sensing.shifts or not ahead.aligned)
+        read = not efforts and (self.sensing.shifts or not grid.aligned)
         dual = directions is not None
-        stored = tally is None and not dual and not efforts  # by the kernel that adds up squares
+        stored = tally is None and not dual and not efforts  # the kernel of `SQUARES` can do it
         wanted = SQUARES if stored else tally
-        shape, names, function = self._bind(ahead, wanted, efforts=efforts, dual=dual, read=read)
-        after = ahead.steps_after(parts["shift"][0]) if read else 0
+        shape, names, function = self._bind(grid, wanted, efforts=efforts, dual=dual, read=read)
+        after = grid.steps_after(parts["shift"][0]) if read else 0
         margin = 0
         if shape.delayed_series:
-            behind, *shares = ahead.delays(parts["lag"])
-            parts |= {"share": shares, "behind": [behind] * len(shares)}
-            margin = ahead.margin(parts["lag"][0])
-        k, numbers, nodes = len(shape.pattern), shape.numbers, ahead.nodes + after
+            behind, *fractions = grid.delays(parts["lag"])
+            parts |= {"share": fractions, "behind": [behind] * len(fractions)}
+            margin = grid.margin(parts["lag"][0])
+        k, numbers, nodes = len(shape.pattern), shape.numbers, grid.nodes + after
         own = in_groups(*(part for name in names for part in parts[name]))
         trace = np.empty((nodes + 1) * k * 3 * numbers * LANES) if read else 0
-        out = (k, tally.count) if tally else (ahead.samples, k, numbers)
+        out = (k, tally.count) if tally else (grid.samples, k, numbers)
         result = function.run(
             len(full), out, nodes=nodes, stored=int(stored), own=own, trace=trace,
-            u=ahead.inputs(margin, after),
+            u=grid.inputs(margin, after),
         )  # fmt: skip
         return result if tally or dual else result[..., 0]
 
@@ -196,7 +196,7 @@ class Stepped(Simulator):
     def _walker_parts(self, walkers: ObservedWalkers) -> dict[str, Any]:
         """Return the parts that depend on each walker's sensors and start."""
         w, full = self.sensors, walkers.full
-        # Only a late channel shows the time before the start.
+        # Only channels with a delay need the states before the start.
         shifts, start = self.sensing.shifts, walkers.start
         before = walkers.before if shifts else linear_map(np.zeros_like, start)
         return {
@@ -209,7 +209,7 @@ class Stepped(Simulator):
 
     @cached_property
     def _shared_parts(self) -> dict[str, Array] | None:
-        """Return the parts of perfect sensors and a known start; None if there are unknowns."""
+        """Return the parts that are known; None if sensors or the start have unknowns."""
         if not self.sensing.empty:
             return None
         parts = self._walker_parts(

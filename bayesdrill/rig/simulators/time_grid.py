@@ -1,4 +1,8 @@
-"""Divide the times of a record into steps that are equal or have few distinct lengths."""
+"""Divide the times of a record into steps that are equal or have few distinct lengths.
+
+Steps of too many distinct lengths are assigned to cells.  Cell k has the lengths from k to k + 1
+times a width.  A step in this cell takes the exponential over k widths, then advances the excess.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +24,8 @@ CLOCK_ROUNDING = 4 * np.finfo(float).eps
 MAX_FILL_RATIO = 1.5
 # Largest number of distinct steps with an exponential each: 4 + n_samples / 100.
 MIN_DISTINCT_STEPS, SAMPLES_PER_STEP = 4, 100
-CELLS, SAMPLES_PER_CELL = (24, 64), 12  # largest cost of cells: n_samples / 12, from 24 to 64
+# Largest `_cost` of `_cells`, in matrix products: n_samples / 12, but from 24 to 64.
+CELLS, SAMPLES_PER_CELL = (24, 64), 12
 WIDTH_RATIO = 1.25  # ratio of successive cell widths in the search
 BELOW_ONE = 1.0 - 2.0**-53
 EXPONENTIAL_COST = 10  # cost of an exponential, in matrix products
@@ -126,21 +131,21 @@ def _in_cells(t: Array, at: Whole, pieces: Whole, median: float, tolerance: floa
     while _cost(_cells(steps[free], width / WIDTH_RATIO)) <= most:
         width /= WIDTH_RATIO
     cells, sizes = _cells(steps[free], width), np.unique(pieces[~free])
-    share, node = np.full(len(t), -1.0), np.zeros(len(steps), np.int64)
+    excess, node = np.full(len(t), -1.0), np.zeros(len(steps), np.int64)
     inside = np.floor(steps[free] / width).astype(np.int64)
     node[free] = np.searchsorted(cells, inside)
-    share[:-1][free] = np.clip(steps[free] / width - inside, 0.0, BELOW_ONE)
+    excess[:-1][free] = np.clip(steps[free] / width - inside, 0.0, BELOW_ONE)
     node[~free] = len(cells) + np.searchsorted(sizes, pieces[~free])
     none = np.zeros(len(sizes))
     return replace(
         _grid(t, at, node, np.concatenate([cells * width, sizes * median]), median, tolerance),
-        excess=share, width=width, uniform=False,
+        excess=excess, width=width, uniform=False,
         is_chained=np.concatenate([[0], np.diff(cells) == 1, none]).astype(np.int64),
     )  # fmt: skip
 
 
 def _cells(steps: Array, width: float) -> Whole:
-    """Return the indices of the cells of a `width` that contain steps."""
+    """Return the indices k of the cells that contain steps, in increasing order."""
     return np.unique(np.floor(steps / width).astype(np.int64))
 
 
@@ -152,7 +157,7 @@ def _cost(cells: Whole) -> int:
 def inputs_at_knots(
     g: Grid, series: Mapping[str, Array], *, first_order: bool
 ) -> tuple[Array, Array]:
-    """Return sampled inputs `(T, S)` at all knots, and their slopes in the steps that follow."""
+    """Return sampled inputs `(T, S)` at all knots, and their time slopes in the steps that follow."""
     inputs = np.array([*series.values()]).reshape(len(series), len(g.samples)).T
     n_knots = len(g.t) - 1
     before = np.searchsorted(g.samples, np.arange(n_knots), side="right") - 1
@@ -168,7 +173,7 @@ NODE_TOLERANCE = 1e-9  # in steps: a lag this close to a whole number of steps i
 
 
 class UniformGrid:
-    """The nodes begin at the first of `t (T,)` and are `span` apart, the median step / `pieces`.
+    """The nodes begin at the first of times `t (T,)` and are `span` apart, the median step / `pieces`.
 
     Inputs `series`, each `(T,)`, are interpolated between samples (`first_order`) or held. For each
     step, an interpolated input has its value at the beginning and a slope, a held input its mean.
@@ -216,8 +221,8 @@ class UniformGrid:
     def locate(self, t: Array) -> tuple[Whole, Array]:
         """Return the node before each time, and the fraction of a step from this node to the time."""
         places = (t - self._t[0]) / self.span
-        near = np.round(places)
-        places = np.where(np.abs(places - near) < 1e-6, near, places)
+        rounded = np.round(places)
+        places = np.where(np.abs(places - rounded) < 1e-6, rounded, places)
         last = np.clip(np.floor(places), 0, self.nodes - 1).astype(np.int64)
         return last, places - last
 
@@ -239,11 +244,11 @@ class UniformGrid:
         """
         ratio = lags[0] / self.span
         whole = np.floor(ratio + NODE_TOLERANCE)
-        shares = [np.clip(ratio - whole, 0.0, None), *(lag / self.span for lag in lags[1:])]
-        return (np.nan_to_num(whole), *shares)
+        fractions = [np.clip(ratio - whole, 0.0, None), *(lag / self.span for lag in lags[1:])]
+        return (np.nan_to_num(whole), *fractions)
 
     def inputs(self, margin: int, after: int) -> Array:
-        """Return inputs over each step, `(N + 1 + after, S)` or, with slopes, `(N + 1 + after, 2 S)`.
+        """Return inputs over steps, `(N + 1 + after, S)` or, with time slopes, `(N + 1 + after, 2 S)`.
 
         In memory, `margin` further rows precede and follow. Outside the record, inputs are constant.
         """
@@ -261,7 +266,7 @@ class UniformGrid:
 
     @cached_property
     def _rows(self) -> Array:
-        """Return rows of inputs and slopes: before the record, in each step, and after the record."""
+        """Return inputs and time slopes in rows: before the record, in each step, after the record."""
         still = [0.0] * self._slopes
         first, last = ([u[end] for u in self._series] + still for end in (0, -1))
         return np.concatenate([[first], self._over_steps(), [last]])
@@ -274,8 +279,8 @@ class UniformGrid:
             at = np.array([np.interp(nodes, t, u) for u in self._series]).T
             return np.concatenate([at[:-1], np.diff(at, axis=0) / self.span], axis=1)
         if self.aligned:
-            near = np.searchsorted(t, nodes[:-1] + 0.5 * self.span, side="right") - 1
-            return np.array([u[near] for u in self._series]).T
+            at = np.searchsorted(t, nodes[:-1] + 0.5 * self.span, side="right") - 1
+            return np.array([u[at] for u in self._series]).T
         return np.array([_means(nodes, t, u) for u in self._series]).T
 
     @property
