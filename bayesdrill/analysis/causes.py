@@ -144,9 +144,9 @@ def recommended(causes: Sequence[Cause]) -> Cause | None:
         return None
     first, least = trusted[0], MIN_SHARE_OF_CATCH_ALL * trusted[0].bayes
     alone = {c.parts: c.bayes + SURE_LOG_ODDS for c in causes if c.bayes > SURE_LOG_ODDS}
-    beside = [cause for cause in trusted if cause.absorbing != cause.parts]
-    named = [cause for cause in beside if not cause.absorbing and cause.bayes >= least]
-    partly = [c for c in beside if c.bayes > max(least, alone.get(c.absorbing, SURE_LOG_ODDS))]
+    explaining = [cause for cause in trusted if cause.absorbing != cause.parts]
+    named = [cause for cause in explaining if not cause.absorbing and cause.bayes >= least]
+    partly = [c for c in explaining if c.bayes > max(least, alone.get(c.absorbing, SURE_LOG_ODDS))]
     if first.absorbing and named:
         first, trusted = named[0], named
     elif first.absorbing == first.parts and partly:

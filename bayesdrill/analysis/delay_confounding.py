@@ -63,6 +63,6 @@ def _time_constants(
     constants = []
     for pole in every[0]:
         if pole.real < 0 and abs(pole.imag) < 1e-9 * abs(pole):
-            near = [row[np.argmin(np.abs(row - pole))].real for row in every[1:]]
-            constants.append((-1 / pole.real, -(np.array(near) / pole.real - 1) / STEP))
+            moved = [row[np.argmin(np.abs(row - pole))].real for row in every[1:]]
+            constants.append((-1 / pole.real, -(np.array(moved) / pole.real - 1) / STEP))
     return constants

@@ -1,11 +1,11 @@
 """Estimate the missing torque over time, and find what it follows: speed, angle, input, or time.
 
-Each draw of the unknowns has its own torque, drawn given all samples.  A torque is drawn from
-its prior, and the smoothed difference between the record and its signals corrects it.  Draws are thus
-from the joint posterior of unknowns and torque, and their band includes both uncertainties.
+Each draw of the unknowns has its own torque, drawn given all samples.  A torque is drawn from the
+prior, and corrected by smoothing the difference between the record and this torque's signals.  Draws
+are thus from the joint posterior of unknowns and torque, and their band includes both uncertainties.
 
 Over the samples at which its inertia turns, the torque is then regressed on candidates by least
-squares.  Candidates are selected one by one, as long as the next explains a good part of the rest.
+squares.  Candidates are selected one by one, while the next explains enough of the remaining squares.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def _nonlinear_error(
 ) -> Array:
     """Return the rms error `(K,)` of a `linear (T, K)` prediction, in sds of noise; NaN if exact.
 
-    The prediction, for `torque (T,)`, lets friction keep its sign, and replaces pendulums by springs.
+    The linear prediction for `torque (T,)` keeps the sign of friction, and has springs for pendulums.
     """
     response, experiment = observation.response, observation.experiment
     assert observation.torque is not None  # the caller estimates it

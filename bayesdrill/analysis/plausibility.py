@@ -21,8 +21,8 @@ from bayesdrill.rig.models.linear import Model, dynamics
 
 APPRECIABLE = 0.05  # relative deviation from which on a finding is reported
 MOST_DRAWS = 2000  # draws are thinned to about this number
-UNSTABLE = 1e-9  # a smaller real part of a pole, relative to the largest pole, is a rounding error
-FEW = 0.01  # share of the draws or samples below which a finding is not reported
+UNSTABLE = 1e-9  # real part of a pole / largest |pole|, below which it may be a rounding error
+FEW = 0.01  # fraction of the draws or samples, below which a finding is not reported
 UNHEARD_OF = 1e-6  # prior mass next to each end in which no nominal value should lie
 SAME_GEAR = 0.02  # relative tolerance of gear ratios, as data sheets round them
 
@@ -237,7 +237,7 @@ def _of_draws(poles: NDArray[np.complex128], fraction: float) -> dict[str, float
     return {} if len(poles) == 1 else {"percent": 100 * fraction}
 
 
-DIFFUSE_DECADES = 2.1  # a log-uniform prior, or another of equal sd, is diffuse if it spans more
+DIFFUSE_DECADES = 2.1  # a prior is diffuse if a log-uniform prior with its sd spans more decades
 DIFFUSE_RATIO = 100.0  # a prior is diffuse if its sd / (rms of the draws) is larger
 # Posterior sd divided by prior sd, above which a wide prior hardly affects the evidence.
 MAX_REMAINING_WIDTH = 0.5
@@ -253,7 +253,7 @@ class DiffusePrior:
 
 
 def diffuse_priors(draws: Array, priors: Mapping[str, Prior]) -> Iterator[DiffusePrior]:
-    """Yield diffuse priors of unknowns that the record narrows; `draws (N, D)` in their order."""
+    """Yield diffuse priors of unknowns that the record narrows; `draws (N, D)` have their order."""
     for (name, prior), x in zip(priors.items(), draws.T, strict=True):
         if prior.in_logs:
             wide = prior_log_sd(prior)

@@ -22,15 +22,15 @@ from bayesdrill.sampling.gauss_newton import gauss_newton, newton_gain
 # New unknowns start at these six quantiles of their priors.  With the known maximum and the start of
 # the config, these are eight points, which are simulated together in the time of one point.
 START_QUANTILES = (0.58, 0.05, 0.42, 0.2, 0.8, 0.65)
-FEW_STARTS = 3  # number of other starts, if a refit with only the last change is known
+FEW_STARTS = 3  # number of further starts, if a refit with only the last change is known
 ROTATION = 2  # cyclic shift of the quantiles from one unknown to the next
 FIRST_STEPS, LAST_STEPS = 4, 30  # numbers of Gauss-Newton steps from all starts, and from the best
-CLIMBED_STARTS = 8  # number of the best starts that take the last steps
+CLIMBED_STARTS = 8  # number of best starts from which the last steps are taken
 NEAR_END = 1e-3  # distance from an end, relative to the prior's spread, that counts as at the end
 HOPELESS_DEPTH = 30.0  # a search stops if it would end this far below the required log density
 MERGED = 1e-3  # points that are this close, relative to the priors' spreads, lead to one maximum
-# A second maximum counts if it is lower by at most this log density, and if it is farther away than
-# this share of the priors' spreads and than this number of sds.
+# A second maximum counts if it is lower by at most this log density.  It must also be farther away than
+# this fraction of the priors' spreads, and than this number of sds.
 OTHER_MAXIMUM_DEPTH, SAME_MAXIMUM, SAME_MAXIMUM_SDS = 3.0, 0.1, 5.0
 ROUNDING = 1e-14  # eigenvalues of a scaled curvature below this are rounding errors
 VAGUE = 0.5  # sd divided by the spread of the prior, above which the record says little
@@ -114,11 +114,11 @@ def refit_candidate(
     from `starts`.  Without the latter two, they also start at quantiles of the priors of new unknowns.
     A search stops if its next step promises less than the log density `threshold`.  It also stops if
     it is too slow to come near `threshold` and to reach the log evidence `rival`.  With a maximum
-    `single`, no search begins if the first step from `initial` promises to stay below `rival`.
+    `single`, no search begins if steps like the first one from `initial` would not reach `rival`.
 
     The log evidence is that of a Gaussian with the curvature at the maximum (MacKay 2003, ch. 27).
-    Priors count in it as Gaussians of their spread, so that an undetermined direction costs each
-    candidate the same.  Samples of the `records` that the candidate leaves out are Gaussian with mean
+    Priors count in it as Gaussians with their spreads, so that an undetermined direction costs each
+    candidate the same.  Samples of `records` that the candidate leaves out count as Gaussian, with mean
     and variance of their channel.  Those at the beginning may instead be a constant with noise.
     """
     started = time.perf_counter()
@@ -176,7 +176,7 @@ def _summarise(
     own_sds = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     sds = own_sds * np.abs(coordinates.slopes(theta[None])[0])
     low, high = np.stack([u[0] - surface.low, surface.high - u[0]]) < NEAR_END * surface.spread
-    # Only new unknowns distinguish maxima: the others may lie on a ridge.
+    # Only new unknowns distinguish maxima, as all other unknowns may differ along a ridge.
     new = [k for k, name in enumerate(space.free) if name not in initial]
     same = np.maximum(SAME_MAXIMUM * surface.spread, SAME_MAXIMUM_SDS * own_sds)
     is_other = (np.abs(u[1:] - u[0]) > same)[:, new].any(axis=1)
@@ -236,7 +236,7 @@ def _starts(
 
 
 def _can_reach(surface: LogDensity, u: Array, records: Records, rival: float) -> bool:
-    """Return whether steps from `u (1, D)` reach log evidence `rival` if all gain as the first."""
+    """Return whether steps from `u (1, D)` reach log evidence `rival` if all gain like the first."""
     value = float(surface.value(u)[0])
     if not (math.isfinite(rival) and math.isfinite(value)):
         return True
@@ -311,7 +311,7 @@ def _hidden(
 
 
 def _with_hidden(row: ResidualSummary, squares: Array | None) -> ResidualSummary:
-    """Return the row with shares of all samples; samples left out count as unexplained."""
+    """Return the row with its three ratios for all samples; those left out count as unexplained."""
     if squares is None:
         return row
     kept, hidden, total = squares.tolist()

@@ -156,7 +156,7 @@ def _complexity(exponents: Exponents) -> tuple[int, int, Exponents]:
     return used, sum(abs(x) for x in exponents), tuple(-x for x in exponents)
 
 
-NULL_BELOW, NULL_GAP = 1e-7, 1e-4  # limits of a null singular value / largest, and / next larger one
+NULL_BELOW, NULL_GAP = 1e-7, 1e-4  # limits of a null singular value / largest, and / next larger
 PRIOR_POINTS = 4  # number of points, in addition to the given one, where symmetries must hold
 # These points are at this fraction of the distance from the given point to draws from the prior.  At
 # the ends of wide priors, rigs are so stiff that rounding hides symmetries.
