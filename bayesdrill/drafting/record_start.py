@@ -41,7 +41,7 @@ class StartGuess:
 def guess_start(
     roles: SensorRoles, segment: Segment, *, measured: bool, inputs_begin: float | None = None
 ) -> StartGuess:
-    """Guess how the segment begins; `inputs_begin` [s] is the first time of `measured` inputs."""
+    """Guess how the segment begins; inputs that are `measured` begin at `inputs_begin` [s]."""
     t = segment.t
     begin, why, time = None, "", None
     if segment.is_cut:
@@ -129,7 +129,7 @@ def _initial(roles: SensorRoles, state: str, time: float | None) -> str:
 
 
 def _begins_steadily(roles: SensorRoles) -> bool:
-    """Return whether at first angles are linear, and voltage and other channels are constant."""
+    """Return whether angles grow linearly at first, and voltage and other channels are constant."""
     v = roles.v
     if v is None or not np.ptp(v.values[:STEADY_SAMPLES]) <= 0.01 * np.ptp(v.values):
         return False

@@ -26,7 +26,7 @@ FAST_SPEED = 60.0  # speeds above it are hardly in rad/s, and angles with such r
 MIN_GEAR = 0.8  # motor turns per shaft turn; a smaller ratio shows a wrong unit
 SUPPLY_RIPPLE = 0.1  # relative range below which a voltage is a nearly constant supply
 SPEED_SAMPLES = 10  # number of steps over which the speed of an angle is computed
-NAMELESS_SHARE = 0.999  # fraction of variance that is to be explained if a kind is unknown
+NAMELESS_SHARE = 0.999  # least fraction of variance to be explained if a kind is unknown
 RPM_WORDS = ("n", "rpm", "drehzahl", "rotacao", "upm")
 RADIAN_WORDS = ("w", "omega", "w1", "w2", "wm")
 

@@ -36,7 +36,7 @@ MAX_STEPS_PER_SAMPLE = 4  # a record with more steps of its time grid per sample
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualLimits:
-    """Noise alone keeps rms / sigma from `least` to `most`, and the rest below limits."""
+    """Noise alone keeps rms / sigma from `least` to `most`, and the other two below their limits."""
 
     least: float
     most: float
@@ -239,8 +239,8 @@ def _correlations(
         memory, counts = _correlated(residuals, residuals, lags)
         last, sds = min(N_LAGS, int(lags[-1])), 1.0 / np.sqrt(counts)
         after = slice(1, last + 1)
-        place = partial(ResidualCorrelation, experiment=observation.label, step=step)
-        build = partial(place, channel=experiment.channels[k])
+        of_record = partial(ResidualCorrelation, experiment=observation.label, step=step)
+        build = partial(of_record, channel=experiment.channels[k])
         yield build(input="", lags=lags[after], values=memory[after], sds=sds[after])
         two_sided_lags = np.arange(-last, last + 1)
         rho = memory[1]

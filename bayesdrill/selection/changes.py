@@ -66,7 +66,7 @@ HOLDING = 4.0
 # speed scale of static friction as a fraction of the largest speed.
 SLIDING_SHARES, STATIC_SHARES, FADING_SHARE = (0.05, 0.5), (0.1, 0.8), 0.03
 # Starts of searches for other physics, between these fractions of its largest size.  A rig without a
-# drive needs more: the likelihood has a maximum for each number of oscillations until it rests.
+# drive needs more starts: the likelihood has a maximum for each number of oscillations until rest.
 SOUGHT_SIZES, DRIVEN_STARTS, FREE_STARTS = (0.003, 0.8), 14, 30
 LIMIT_STARTS = (0.2, 0.4, 0.7, 0.95)  # starts for the largest duty cycle of a servo
 # Limits of a goal's speed, divided by its largest speed in the record: the smallest, and starts.
@@ -271,8 +271,8 @@ class Setting:
         entries = [*columns(self._data, name)]
         new = [place for place, x in entries if kind not in x and {"column", "variable"} & {*x}]
         lines = merged({}, *(nested((*place, kind), prior) for place in new))
-        scales_channel = kind == "offset" and name in self._units
-        if new and not scales_channel and not any(kind in entry for _, entry in entries):
+        is_offset_of_channel = kind == "offset" and name in self._units
+        if new and not is_offset_of_channel and not any(kind in entry for _, entry in entries):
             lines = merged(lines, self._shared(f"{kind}_{name}"))
         article = "an" if kind == "offset" else "a"
         return Change(f"{kind}_{name}", f"{article} {kind} of {name}", lines)
@@ -344,7 +344,7 @@ class Setting:
             yield Change(GEAR, "another gear", self._model({model.roles.gear: ratio}))
 
     def window(self, begin: float, end: float, later: float = 0.0) -> Entries:
-        """Return lines that limit experiments to these fractions of their time, with free starts."""
+        """Return lines with free starts that limit records to fractions `begin` to `end` of their time."""
         several, lines = self._data.get(EXPERIMENTS), []
         for observation in self._observations:  # experiments that are held out do not change
             first, *_, last = observation.experiment.t.tolist()
@@ -412,8 +412,8 @@ class Setting:
     def _dry(self, name: str, words: str, sizes: Mapping[str, float]) -> Change:
         """Return dry frictions with priors up to `HOLDING` times their `sizes`, and smaller starts."""
         priors = {friction: uniform(HOLDING * size) for friction, size in sizes.items()}
-        places = ([(name, size * x) for x in SLIDING_SHARES] for name, size in sizes.items())
-        starts = tuple(dict(place) for place in itertools.product(*places))
+        values = ([(name, size * x) for x in SLIDING_SHARES] for name, size in sizes.items())
+        starts = tuple(map(dict, itertools.product(*values)))
         return replace(_physics(name, words, priors), starts=starts)
 
     def _at_rest(self, i: InertiaRoles) -> Iterator[Change]:
@@ -521,8 +521,8 @@ class Setting:
             log_uniform(weight * slow**2, weight * fast**2),
             uniform(2.0 * weight * math.sqrt(slow * fast)),
         )
-        end_weight, rest = SOUGHT_SHARE * weight, (1.0 - SOUGHT_SHARE) * self.weights[at.name]
-        host = {at.inertia: rest} if at.inertia in self.job.problem.names else {}
+        end_weight, remaining = SOUGHT_SHARE * weight, (1.0 - SOUGHT_SHARE) * self.weights[at.name]
+        host = {at.inertia: remaining} if at.inertia in self.job.problem.names else {}
         starts = []
         for w in np.geomspace(2.0 * slow, 0.5 * fast, SOUGHT_SWINGS).tolist():
             values = (end_weight, end_weight * w**2, SOUGHT_DAMPING * end_weight * w)
