@@ -344,7 +344,7 @@ class Setting:
             yield Change(GEAR, "another gear", self._model({model.roles.gear: ratio}))
 
     def window(self, begin: float, end: float, later: float = 0.0) -> Entries:
-        """Return lines with free starts that limit records to fractions `begin` to `end` of their time."""
+        """Return lines that limit records to fractions of their time, and make their starts free."""
         several, lines = self._data.get(EXPERIMENTS), []
         for observation in self._observations:  # experiments that are held out do not change
             first, *_, last = observation.experiment.t.tolist()
