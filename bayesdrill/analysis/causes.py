@@ -48,7 +48,7 @@ class Doubt:
 
     Its kind is "end" if an unknown is at an end of its prior, "maxima" if another maximum is about as
     high, and "alike" if unknowns are interchangeable.  It is "hidden" if the candidate leaves out a
-    `share` of the samples and does not explain the rest.  `said_of` names the unknowns or changes.
+    `share` of the samples without explaining the others.  `said_of` names the unknowns or changes.
     """
 
     kind: Literal["end", "maxima", "alike", "hidden"]
@@ -134,9 +134,9 @@ class Causes:
 def recommended(causes: Sequence[Cause]) -> Cause | None:
     """Return the simplest candidate whose evidence is close to that of the best candidate.
 
-    Only finished candidates with evidence and without doubts count.  A cause replaces an absorbing
-    part if it has at least `MIN_SHARE_OF_CATCH_ALL` of that part's log evidence.  Otherwise a cause
-    combined with the absorbing part is preferred to this part alone, if its evidence is clearly larger.
+    Only finished candidates with evidence and without doubts count.  A named cause replaces an absorbing
+    part if it has at least `MIN_SHARE_OF_CATCH_ALL` of that part's log evidence.  Otherwise a cause and
+    the absorbing part together replace this part alone, if their evidence is clearly larger.
     """
     good = [c for c in causes if c.bayes > SURE_LOG_ODDS and c.finished and not c.doubts]
     trusted = sorted(good, key=lambda cause: -round(cause.bayes, 3))

@@ -38,7 +38,7 @@ class GivenFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordFile:
-    """A record file is a file with identified columns; its `companions` complete the record."""
+    """A record file is a file with identified columns; files in `companions` complete the record."""
 
     path: Path
     columns: Sequence[FileColumn]

@@ -117,7 +117,8 @@ class Setting:
     """A setting has the information from which changes of `job` are built.
 
     At a value in `sizes`, a parameter would act as strongly as all others.  `speeds` are the largest
-    speeds of inertias, `values` the rig's parameters at the maximum, `numbers` constants of changes.
+    speeds of inertias, `values` the rig's parameters at the maximum.  `numbers` maps names of changes
+    to the constants that they set.
     """
 
     job: Job

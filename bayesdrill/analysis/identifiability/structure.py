@@ -66,7 +66,7 @@ class ScalingStructure:
 def null_space(sensitivities: Sequence[Array], *, nearly: bool = False) -> Array:
     """Return directions `(n, m)` of log unknowns that change no signal at any of the points.
 
-    Points without motion, such as of a rig that sticks from the start, are ignored.  `nearly` includes
+    Points without motion, such as those at which a rig sticks, are ignored.  `nearly` includes
     directions with tiny effects, which may be due to rounding, so that each has to be proven.
     """
     moving = [s / size for s in sensitivities if (size := np.linalg.norm(s)) > 0]

@@ -36,7 +36,7 @@ MAX_REMEDIES = 3  # largest number of remedies that are proposed
 class TorqueRemedy:
     """A remedy helps to distinguish a parameter from the missing torque.
 
-    To "hold" the parameter `name`, or "measure" the state `name`, would divide the sd by `shrink`.
+    To "hold" another parameter `name`, or "measure" a state `name`, divides the sd by `shrink`.
     """
 
     kind: str
