@@ -80,7 +80,7 @@ class RankBand:
     false_alarm: float
 
     def count_below(self, ranks: Counts) -> Counts:
-        """Count the `ranks (n,)` below each share, `(L,)`."""
+        """Count the `ranks (n,)` below each of `shares`, `(L,)`."""
         n_draws = len(self.shares)
         return np.cumsum(np.bincount(ranks, minlength=n_draws + 1))[:n_draws]
 
@@ -168,7 +168,7 @@ MAX_PRIOR_TRIES = 1000  # largest number of draws from the prior until a respons
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationStudy:
-    """A study fits the `posterior` of each record by a `plan`; `draws` is the number L of draws."""
+    """A study refits `posterior` to simulated records by `plan`, and ranks truths among `draws` draws."""
 
     posterior: Posterior
     plan: FitPlan

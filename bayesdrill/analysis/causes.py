@@ -166,7 +166,7 @@ class EquivalentExplanation:
     """A `parameter` that the rig lacks explains the record as well as deviations from the table.
 
     With this `value` [SI] all nominal values hold.  `lost` is the log likelihood of the MAP without
-    the parameter, minus that of the table with the parameter; it is negative if the latter fits better.
+    the parameter, minus that of the table with the parameter; it is negative if the table fits better.
     """
 
     parameter: str

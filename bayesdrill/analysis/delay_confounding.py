@@ -47,7 +47,7 @@ def delays_and_time_constants(posterior: Posterior, theta: Array) -> Iterator[Fi
 
 
 def _delays(observation: Observation) -> Iterator[str]:
-    """Yield the names that the delays of an experiment have among the unknowns."""
+    """Yield the names that the delays of an experiment have in the parameter space."""
     sensing = observation.response.sensing
     called = observation.named(observation.response.parameters)
     every = (sensing.delay, *sensing.input_lags.values(), *sensing.lags.values())

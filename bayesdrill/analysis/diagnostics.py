@@ -100,7 +100,7 @@ def _identification(shrinkage: float, distance: float) -> Word:
 
 
 END_MASS = 0.05  # prior mass next to an end; draws accumulate there if half of them are in it
-MIN_SHARE_NEAR_END = 0.25  # fraction of draws nearer to the end than to the median, if flat
+MIN_SHARE_NEAR_END = 0.25  # a flat density has this fraction nearer to the end than to the median
 NEAR_END_MASS = 0.05  # a nominal value is near an end if less prior mass lies between the two
 THREE_SIGMA_TAIL, TWO_SIGMA_TAIL = 1e-3, 2.28e-2  # normal tail masses beyond three and two sigma
 
@@ -109,7 +109,7 @@ def pressed_against(x: Array, prior: Prior) -> float | None:
     """Return the end of `prior` at which draws `(N,)` accumulate, or None.
 
     Half of the draws lie in the last `END_MASS` of the prior's mass, and their density rises towards
-    the end, both along x and relative to the prior.  Corners of a box of priors have less effect: if
+    the end, both along x and relative to the prior.  A corner of the priors' box has less effect: if
     nine parameters share a scale, the density rises as x^8, and 37 % of draws are in the last 5 %.
     """
     if prior.vanishes_at_ends:

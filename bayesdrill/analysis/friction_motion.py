@@ -107,7 +107,7 @@ class FrictionCurve:
 
 
 def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Array) -> FrictionCurve:
-    """Compute a law at `full (W, P)` for the speeds of a record, with the rms of its other inputs."""
+    """Compute a law at `full (W, P)` for a record's speeds; other inputs of the law have their rms."""
     rig, friction = observation.response, rubbing.friction
     largest = SPEED_MARGIN * float(np.abs(rubbing.speed).max()) or 1.0
     one_way = largest * np.geomspace(SMALLEST_SPEED, 1.0, CURVE_POINTS)

@@ -27,7 +27,7 @@ from bayesdrill.rig.models.roles import ROTARY, InertiaRoles
 from bayesdrill.rig.simulators import simulator
 
 STANDSTILL = 0.05  # speed divided by its root mean square, below which an inertia stands still
-MIN_TURNING_SHARE = 0.05  # if the inertia turns at a smaller share of samples, all samples are used
+MIN_TURNING_SHARE = 0.05  # if the inertia turns at a smaller fraction of samples, all are used
 TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 
 
@@ -211,8 +211,8 @@ def _size(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-MIN_SHARE_OF_REST = 0.3  # smallest share of remaining squares that a selected candidate explains
-MIN_SHARE = 0.1  # smallest share of all squares that a selected candidate explains
+MIN_SHARE_OF_REST = 0.3  # smallest fraction of remaining squares that a selected candidate explains
+MIN_SHARE = 0.1  # smallest fraction of all squares that a selected candidate explains
 CONSTANT_RATIO = 1e-9  # a candidate whose values stay below this limit counts as zero
 
 

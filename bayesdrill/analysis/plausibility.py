@@ -19,7 +19,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
 from bayesdrill.rig.models.linear import Model, dynamics
 
-APPRECIABLE = 0.05  # relative deviation from which on a finding is reported
+APPRECIABLE = 0.05  # smallest relative deviation that is reported
 MOST_DRAWS = 2000  # draws are thinned to about this number
 UNSTABLE = 1e-9  # real part of a pole / largest |pole|, below which it may be a rounding error
 FEW = 0.01  # fraction of the draws or samples, below which a finding is not reported
@@ -116,7 +116,7 @@ def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> Itera
 
 
 def _saturations(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
-    """Yield the share of samples in which servos are at their limits, or need more than the supply."""
+    """Yield the fraction of samples with servos at their limits, or beyond their supply."""
     model, p = sensitivity.model, sensitivity.rig_at(theta)
     records = [each.experiment for each in sensitivity.likelihood.observations]
     for motor in (motor for motor in model.roles.motors if motor.goal):
@@ -253,7 +253,7 @@ class DiffusePrior:
 
 
 def diffuse_priors(draws: Array, priors: Mapping[str, Prior]) -> Iterator[DiffusePrior]:
-    """Yield diffuse priors of unknowns that the record narrows; `draws (N, D)` have their order."""
+    """Yield diffuse priors of unknowns that the record narrows, by `draws (N, D)` in this order."""
     for (name, prior), x in zip(priors.items(), draws.T, strict=True):
         if prior.in_logs:
             wide = prior_log_sd(prior)

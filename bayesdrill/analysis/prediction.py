@@ -143,7 +143,7 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
 def leave_one_out(
     posterior: Posterior, theta: Array, residual_rows: tuple[ResidualSummary, ...]
 ) -> LooScore | Finding:
-    """Score each sample as predicted from all others, by draws `theta (N, D)`, or return an obstacle."""
+    """Score each sample as predicted from all others, by draws `theta (N, D)`, or say why not."""
     observations = posterior.likelihood.observations
     if sum(observation.n_measured for observation in observations) > MAX_SCORED:
         return Finding("too many samples to leave out", {}, {"most": MAX_SCORED})

@@ -16,7 +16,7 @@ from bayesdrill.rig.models.roles import InertiaRoles
 SMALLEST_RANGE = 1e-12  # a column with a smaller range [SI] is constant, as no sensor resolves less
 MIN_SAMPLES = 20  # shorter columns are not judged
 MAX_SAMPLES = 20_000  # largest number of samples of a record that are judged
-MIN_VARIANCE_RATIO = 1.5  # residual variance of a speed without the input / that with the input
+MIN_VARIANCE_RATIO = 1.5  # smallest residual variance of a speed without the input / that with it
 MIN_R_SQUARED = 0.5  # R^2 of the regression of a speed, below which its sign is not judged
 TURNED_CORRELATION = -0.9  # correlation of two angles, below which one of them counts backwards
 FALLING_CORRELATION = -0.5  # correlation below which the speed falls while the input rises

@@ -46,8 +46,8 @@ class RefitMaximum:
     another maximum with other values of new unknowns is about as high.  `exchangeable` are pairs of new
     unknowns that are interchangeable.  `vague` are unknowns that the record hardly determines.  One
     evaluation takes `seconds`; the refit has a `duration` [s] and a number of `evaluations`.
-    `omitted` is the share of samples that the candidate leaves out.  A search that is not finished was
-    stopped below its maximum.
+    `omitted` is the fraction of samples that the candidate leaves out.  A search that is not
+    finished was stopped below its maximum.
     """
 
     values: Mapping[str, float]
@@ -111,7 +111,7 @@ def refit_candidate(
     """Return the maximum of a candidate's `posterior`, or None without a finite response.
 
     Searches start from the values `initial`, from the maximum `single` with only the last change, and
-    from `starts`.  Without the latter two, they also start at quantiles of the priors of new unknowns.
+    from `starts`.  Without `single` and `starts`, they also start at quantiles of new unknowns' priors.
     A search stops if its next step promises less than the log density `threshold`.  It also stops if
     it is too slow to come near `threshold` and to reach the log evidence `rival`.  With a maximum
     `single`, no search begins if steps like the first one from `initial` would not reach `rival`.

@@ -133,7 +133,7 @@ def _far_from_start(problem: Problem) -> Iterator[Finding]:
 
 
 def _wrong_prefixes(problem: Problem) -> tuple[list[tuple[str, float]], Array]:
-    """Return pairs (name, factor) and the parameters `(n, P)` changed by each, with the start first."""
+    """Return pairs (name, factor), the unchanged start first, and the parameters `(n, P)` of each."""
     space = problem.posterior.space
     start = space.vector(space.start)
     full = space.full(start[None])[0]
@@ -240,7 +240,7 @@ MAX_FOLLOWING = 20  # largest lag of such a channel behind the input, in samples
 def find_reference(
     problem: Problem, residuals: Sequence[ResidualSummary]
 ) -> tuple[str, str] | None:
-    """Return an input that is a set point, and the angle that follows it, but does not in the model."""
+    """Return an input that is a set point, and an angle that follows this input only in the record."""
     shares = {(row.experiment, row.channel): row.share for row in residuals}
     goals = {motor.goal for motor in problem.model.roles.motors}
     for observation in problem.observations:

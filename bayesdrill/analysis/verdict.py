@@ -181,7 +181,7 @@ class Verdict:
 
     @property
     def undetermined(self) -> tuple[Quantity, ...]:
-        """Return the quantities that this record leaves open, and that a better one could show."""
+        """Return the quantities that this record leaves open, and that a better record could show."""
         return tuple(q for q in self.saying("not determined") if not q.blind)
 
     @property

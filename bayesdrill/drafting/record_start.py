@@ -152,7 +152,7 @@ def _start_angle(roles: SensorRoles, state: str) -> str:
 
 
 def _is_moving(roles: SensorRoles) -> bool:
-    """Return whether a speed is clearly not zero at first; if no speed is known, an angle grows."""
+    """Return whether a speed is clearly not zero at first or, without speeds, whether an angle grows."""
     turning = [c.sensor for c in roles.channels if c.sensor.kind in TURNS and not c.derived]
     if speeds := [sensor for sensor in turning if sensor.kind == "speed"]:
         return any(_first_value(sensor)[1] for sensor in speeds)

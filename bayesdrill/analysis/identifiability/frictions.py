@@ -287,8 +287,8 @@ def drive_words(model: Model, drive: str) -> tuple[str, str]:
 def stall_voltage(model: Model, p: Mapping[str, float]) -> float:
     """Return the value of the first drive, such as a voltage [V], that just overcomes friction.
 
-    At lower values the rig comes to rest, as friction at rest is at least as large.  The result is zero
-    without friction, without a drive, and if the drive is a speed.
+    At lower values the rig comes to rest, as friction at rest is no smaller than in motion.  The result
+    is zero without friction, without a drive, and if the drive is a speed.
     """
     drive = next(iter(drives_of(model)), "")
     moved = model.roles.moved(drive)

@@ -179,7 +179,7 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
     up = _profile_to_end(fitter, column, centre, sd, fitter.high[column])
     values, fits = zip(*reversed(down), (centre, best), *up, strict=True)
     logs, costs = np.array(values), np.array([fit.cost for fit in fits])
-    lowest = int(np.argmin(costs))  # a neighbour may be better than the first fit
+    lowest = int(np.argmin(costs))  # a fit at another value may be better than the first fit
     loss = costs - costs[lowest]
 
     def crossing(outward: range) -> float | None:

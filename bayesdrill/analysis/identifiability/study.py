@@ -53,7 +53,7 @@ from bayesdrill.record.experiment import typical_inputs
 WEIGHED_TO = 0.01  # relative sd of a parameter that is weighed, or tied to another
 LOAD_SHARE = 0.1  # largest effect of a known load on a channel, relative to the channel's range
 ADDED_SHARE = 0.5  # known inertia added in a further record, relative to the unknown inertia
-OTHER_DRIVE = 0.5  # drive after half of the record, or in a further record, relative to the present
+OTHER_DRIVE = 0.5  # drive in the second half, or in a further record, relative to the present drive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
