@@ -23,7 +23,7 @@ SPEED_MARGIN = 1.05  # largest speed at which a law is drawn, divided by that of
 class FrictionMotion:
     """The motion at one friction is given at the samples `t (T,)`, at the MAP.
 
-    At the friction, the speed is `gear` times the state's `speed (T,)`, and the torque or voltage is
+    At the friction, the speed is `gear` times the state's `speed (T,)`.  Its torque, force or voltage is
     `effort (T,)`, or `efforts (N, T)` at draws.  It sticks until the next sample if `sticks (T,)`.
     """
 

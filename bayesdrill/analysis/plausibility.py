@@ -253,7 +253,7 @@ class DiffusePrior:
 
 
 def diffuse_priors(draws: Array, priors: Mapping[str, Prior]) -> Iterator[DiffusePrior]:
-    """Yield diffuse priors of unknowns that the record narrows, by `draws (N, D)` in this order."""
+    """Yield diffuse priors of unknowns that the record narrows; `draws (N, D)` have the order of `priors`."""
     for (name, prior), x in zip(priors.items(), draws.T, strict=True):
         if prior.in_logs:
             wide = prior_log_sd(prior)

@@ -67,7 +67,7 @@ class CandidateModel:
         return START
 
     def job(self, *, shared: bool = False) -> Job:
-        """Return the changed job, with neutral parameters if `shared`; raises `InputError` if invalid."""
+        """Return the changed job, with neutral parameters if `shared`; raise `InputError` if invalid."""
         neutral = {"parameters": self.neutral} if shared and self.neutral else {}
         return self.base.with_data(merged(neutral, self.data))
 
