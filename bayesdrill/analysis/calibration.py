@@ -142,10 +142,10 @@ def _stay_probability(n: int, quantiles: Array, low: Counts, high: Counts) -> fl
     """
     log_factorial = scipy.special.gammaln(np.arange(n + 1) + 1.0)
     counts, probability, before = np.array([0]), np.array([1.0]), 0.0
-    for share, first, last in zip(quantiles, low, high, strict=True):
+    for quantile, first, last in zip(quantiles, low, high, strict=True):
         if last < first:
             return 0.0
-        p = (share - before) / (1.0 - before)
+        p = (quantile - before) / (1.0 - before)
         next_counts = np.arange(first, last + 1)
         steps = next_counts[None, :] - counts[:, None]
         remaining = n - counts[:, None]
@@ -158,7 +158,7 @@ def _stay_probability(n: int, quantiles: Array, low: Counts, high: Counts) -> fl
             + (remaining - new) * np.log1p(-p)
         )
         probability = probability @ np.where(steps >= 0, np.exp(log_p), 0.0)
-        counts, before = next_counts, share
+        counts, before = next_counts, quantile
     return float(probability.sum())
 
 

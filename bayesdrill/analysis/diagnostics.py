@@ -88,9 +88,9 @@ def summarise(
 
 def distance_to_prior(x: Array, prior: Prior) -> float:
     """Return the Kolmogorov distance between draws `(N,)` and the prior."""
-    shares = np.linspace(0.0, 1.0, 201)[1:-1]
-    below = np.searchsorted(np.sort(x), prior.quantile(shares)) / len(x)
-    return float(np.max(np.abs(below - shares)))
+    probabilities = np.linspace(0.0, 1.0, 201)[1:-1]
+    below = np.searchsorted(np.sort(x), prior.quantile(probabilities)) / len(x)
+    return float(np.max(np.abs(below - probabilities)))
 
 
 def _identification(shrinkage: float, distance: float) -> Word:

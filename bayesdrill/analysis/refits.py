@@ -181,7 +181,7 @@ def _summarise(
     same = np.maximum(SAME_MAXIMUM * surface.spread, SAME_MAXIMUM_SDS * own_sds)
     is_other = (np.abs(u[1:] - u[0]) > same)[:, new].any(axis=1)
     is_other &= heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH
-    alike = np.abs(covariance / np.outer(own_sds, own_sds)) > MAX_CORRELATION
+    are_linked = np.abs(covariance / np.outer(own_sds, own_sds)) > MAX_CORRELATION
     pairs, fit = itertools.combinations(new, 2), residual_summaries(posterior.likelihood, theta)
     unseen, squares = _hidden(posterior.likelihood, records, theta)
     samples = posterior.likelihood.n_measured, sum(map(len, records.values()))
@@ -193,7 +193,7 @@ def _summarise(
         residuals=tuple(_with_hidden(r, squares.get((r.experiment, r.channel))) for r in fit),
         at_ends={space.free[k]: 1 if high[k] else -1 for k in np.flatnonzero(low | high)},
         has_rival=bool(is_other.any()),
-        exchangeable=tuple((space.free[j], space.free[k]) for j, k in pairs if alike[j, k]),
+        exchangeable=tuple((space.free[j], space.free[k]) for j, k in pairs if are_linked[j, k]),
         vague=tuple(itertools.compress(space.free, own_sds > VAGUE * surface.spread)),
         seconds=seconds,
         duration=time.perf_counter() - started,
@@ -315,6 +315,6 @@ def _with_hidden(row: ResidualSummary, squares: Array | None) -> ResidualSummary
     if squares is None:
         return row
     kept, hidden, total = squares.tolist()
-    shares = (row.share, row.simulated, row.ahead)
-    share, simulated, ahead = (math.sqrt((x**2 * kept + hidden) / total) for x in shares)
+    ratios = (row.share, row.simulated, row.ahead)
+    share, simulated, ahead = (math.sqrt((x**2 * kept + hidden) / total) for x in ratios)
     return dataclasses.replace(row, share=share, simulated=simulated, ahead=ahead)

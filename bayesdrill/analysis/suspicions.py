@@ -122,12 +122,12 @@ def _far_from_start(problem: Problem) -> Iterator[Finding]:
                 misfits += np.where(np.isfinite(misfit), misfit, np.inf) / max(power, 1e-300)
     times, name = max(sizes, key=lambda size: abs(math.log(max(size[0], 1e-300))))
     best, limit = int(np.argmin(misfits)), NEAR_MISFIT * len(sizes)
-    far = not 1 / FAR_FROM_START < times < FAR_FROM_START
-    mended = best > 0 and (misfits[best] < limit < MIN_LEFT * len(sizes) < misfits[0])
-    if not (far or mended):
+    is_far = not 1 / FAR_FROM_START < times < FAR_FROM_START
+    is_explained = best > 0 and (misfits[best] < limit < MIN_LEFT * len(sizes) < misfits[0])
+    if not (is_far or is_explained):
         return
-    names = {"channel": name if far else "", "value": "", "factor": ""}
-    if mended or misfits[best] < MIN_LEFT * len(sizes):
+    names = {"channel": name if is_far else "", "value": "", "factor": ""}
+    if is_explained or misfits[best] < MIN_LEFT * len(sizes):
         names |= {"value": tried[best][0], "factor": f"{tried[best][1]:g}"}
     yield Finding("size against the start", names, {"times": times})
 

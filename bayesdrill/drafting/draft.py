@@ -90,12 +90,12 @@ def config_text(
 
 def _initial(start: StartGuess) -> list[str]:
     end = start.rest_end
-    rest = [] if math.isnan(end) else comment(f"Nothing moves before {end:.6g} s.")
+    still = [] if math.isnan(end) else comment(f"Nothing moves before {end:.6g} s.")
     if start.initial:
-        return [*rest, *review(start.doubts, 0), f"initial: {start.initial}"]
+        return [*still, *review(start.doubts, 0), f"initial: {start.initial}"]
     where = " where the window begins" if start.window else ""
     what = "At rest" if start.zero_sds else "At rest, at angle zero"
-    return [*rest, *comment(f"{what}{where}, so `initial:` is not needed")]
+    return [*still, *comment(f"{what}{where}, so `initial:` is not needed")]
 
 
 def _experiments(context: DraftContext) -> list[str]:

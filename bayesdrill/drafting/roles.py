@@ -344,7 +344,7 @@ def _twist_law(
             twist, rotor = shifted[0], other if second.location == ROTOR else other + shifted
         _, speed, acceleration = rotor
         causes = [acceleration, speed, np.sign(speed), k[inner]]
-        factors, share = signals.explained(twist, *causes)
-        return 1 - share if factors[0] < 0 else 1.0  # a spring has twist = -J/k * acceleration
+        factors, fraction = signals.explained(twist, *causes)
+        return 1 - fraction if factors[0] < 0 else 1.0  # a spring has twist = -J/k * acceleration
 
     return unexplained

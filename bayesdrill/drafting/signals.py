@@ -391,12 +391,12 @@ def _wrap_period(x: Array, unit: str) -> tuple[float, str]:
         periods = [(count, unit) for count in counts]
     steps = np.abs(np.diff(x))
     for period, name in periods:
-        far = steps > 0.5 * period
-        if not far.any() or not WRAPPED_SHARE * period < np.ptp(x) < 1.001 * period:
+        wrapped = steps > 0.5 * period
+        if not wrapped.any() or not WRAPPED_SHARE * period < np.ptp(x) < 1.001 * period:
             continue
         unwrapped = np.abs(np.diff(anomalies.unwrap(x, period)[0]))
-        typical = float(np.quantile(unwrapped[~far], 0.99)) if (~far).any() else math.inf
-        smooth = np.all(unwrapped[far] <= WRAPPED_STEP * typical)
+        typical = float(np.quantile(unwrapped[~wrapped], 0.99)) if (~wrapped).any() else math.inf
+        smooth = np.all(unwrapped[wrapped] <= WRAPPED_STEP * typical)
         if smooth and not len(anomalies.ambiguous(x, period)):
             return period, name
     return 0.0, ""

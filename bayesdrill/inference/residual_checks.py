@@ -132,18 +132,18 @@ def residual_summaries(likelihood: Likelihood, theta: Array) -> tuple[ResidualSu
             spread = float(experiment.y[measured, k].std())
             worst = int(np.abs(residuals).argmax())
             sizes = [math.sqrt(np.mean(error[measured, k] ** 2)) for error in errors]
-            shares = [size / spread if spread > 0 else math.nan for size in sizes]
+            ratios = [size / spread if spread > 0 else math.nan for size in sizes]
             summary = ResidualSummary(
                 channel=experiment.names[k],
                 rms=math.sqrt(squares / n),
-                share=shares[0],
+                share=ratios[0],
                 correlation=float(residuals[1:] @ residuals[:-1]) / squares if squares > 0 else 0.0,
                 farthest=float(abs(residuals[worst])),
                 time=float(experiment.t[measured][worst]),
                 limits=limits(n, n_channels, len(theta)),
                 experiment=observation.label,
-                simulated=shares[1],
-                ahead=shares[2],
+                simulated=ratios[1],
+                ahead=ratios[2],
             )
             summaries.append(summary)
     return tuple(summaries)

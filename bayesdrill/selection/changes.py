@@ -349,7 +349,7 @@ class Setting:
         several, lines = self._data.get(EXPERIMENTS), []
         for observation in self._observations:  # experiments that are held out do not change
             first, *_, last = observation.experiment.t.tolist()
-            ends = [(1.0 - share) * first + share * last for share in (begin, end)]
+            ends = [(1.0 - fraction) * first + fraction * last for fraction in (begin, end)]
             window = [rounded(ends[0] + later, 9), ends[1]]
             place = (EXPERIMENTS, observation.label) if several else ()
             lines.append(nested(place, {"record": {"window": window}, "initial": "free"}))
@@ -380,8 +380,8 @@ class Setting:
             drags = lack.name.startswith("drag")
             kind = OTHER_LAW if drags else COULOMB if lack.dry else LINEAR
             size = sizes[lack.parameter] * (DRAG_MARGIN if drags else 1.0)
-            shares = np.geomspace(*SOUGHT_SIZES, DRIVEN_STARTS if self._driven else FREE_STARTS)
-            starts = tuple({lack.parameter: size * share} for share in shares.tolist())
+            fractions = np.geomspace(*SOUGHT_SIZES, DRIVEN_STARTS if self._driven else FREE_STARTS)
+            starts = tuple({lack.parameter: size * fraction} for fraction in fractions.tolist())
             margin = HOLDING if kind == COULOMB else 1.0
             priors = {lack.parameter: uniform(size * margin)}
             yield replace(_physics(lack.name, lack.description, priors, kind), starts=starts)
@@ -518,7 +518,7 @@ class Setting:
         weight, (step, longest) = self.weights[at.name] / at.reduction**2, self._span
         slow, fast = 2 * math.pi / longest, math.pi / step
         priors = (
-            log_uniform(*(weight * share for share in INERTIA_RANGE)),
+            log_uniform(*(weight * fraction for fraction in INERTIA_RANGE)),
             log_uniform(weight * slow**2, weight * fast**2),
             uniform(2.0 * weight * math.sqrt(slow * fast)),
         )

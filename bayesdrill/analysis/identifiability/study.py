@@ -425,12 +425,12 @@ def _nuisances(
     inverse = np.linalg.inv(joint.with_priors(sensitivity.prior_spreads).root)
     covariance = inverse @ inverse.T
     sds = np.sqrt(np.diag(covariance))
-    alike = covariance / np.outer(sds, sds)
+    correlations = covariance / np.outer(sds, sds)
     steps = posterior.coordinates.natural(theta[None])[0]
 
     nuisances = []
     for k, name in enumerate(sensitivity.nuisances, start=len(sensitivity.unknowns)):
-        falls = 1.0 / np.sqrt(np.maximum(1.0 - alike[k] ** 2, 1e-12))
+        falls = 1.0 / np.sqrt(np.maximum(1.0 - correlations[k] ** 2, 1e-12))
         pairs = zip(sensitivity.unknowns, falls.tolist(), strict=False)
         before = sensitivity.prior_spreads[k]
         nuisance = Nuisance(
