@@ -57,7 +57,7 @@ def _delays(observation: Observation) -> Iterator[str]:
 def _time_constants(
     observation: Observation, posterior: Posterior, theta: Array, moves: Array
 ) -> list[tuple[float, Array]]:
-    """Return time constants [s] and derivatives `(D,)` of their logs, by the steps `moves (D, D)`."""
+    """Return time constants [s] and derivatives `(D,)` of their logs, by differences `moves (D, D)`."""
     full = posterior.space.full(np.vstack([theta, theta + moves]))
     every = poles(observation.response.model, observation.rig_parameters(full))
     constants = []

@@ -138,7 +138,7 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[s
 
 
 def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
-    """Add parameters of missing effects as unknowns, with limits by the motion at `theta (D,)`."""
+    """Add parameters of missing effects as unknowns, with limits from the motion at `theta (D,)`."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space.full(theta[None]))
     free = []
     for name, size in sizes.items():

@@ -274,7 +274,7 @@ def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
 def _hidden(
     likelihood: Likelihood, records: Records, theta: Array | None = None
 ) -> tuple[float, dict[tuple[str, str], Array]]:
-    """Return the log density of samples of the `records` that a candidate leaves out, and squares.
+    """Return the log density of samples of `records` that a candidate leaves out, and sums of squares.
 
     Densities refer to the numbers in the file, so that a change of a column's unit has no advantage.
     Samples at the beginning may show a rig that is held: one value with the noise at `theta (D,)`.

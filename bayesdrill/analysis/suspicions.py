@@ -203,7 +203,7 @@ def _pairs(experiment: Experiment, model: Model) -> Iterator[Finding]:
 
 
 def _ratio(angle: Channel, speed: Channel, speeds: Mapping[str, str]) -> float | None:
-    """Return the factor from the speed's motion to the angle's; None if they are not of one part."""
+    """Return the factor from the speed's motion to the angle's; None if they are of different parts."""
     turned = {speeds.get(name, name): x for name, x in angle.weights.items() if x}
     moved = {name: x for name, x in speed.weights.items() if x}
     angles = all(name in speeds for name, x in angle.weights.items() if x)

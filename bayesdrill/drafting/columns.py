@@ -423,7 +423,7 @@ def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None
 
 
 def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -> None:
-    """Raise `InputError` if several structures with a time are not named after signals."""
+    """Raise `InputError` if several structures have a time, and names that are not those of signals."""
     columns = [column for column in columns if len(column.values) >= MIN_SAMPLES]
     times = dict.fromkeys(_structure(c) for c in columns if c.meaning.kind == "time")
     records = [name for name in times if name and parse_head(name).kind in ("", "time")]

@@ -107,7 +107,7 @@ def first_samples(observation: Observation, samples: int) -> Observation:
 
 
 def points_about(posterior: Posterior, maxima: Array) -> Array:
-    """Return physical points `(n, D)` about maxima `(M, D)`, with sds of up to 8 posterior sds."""
+    """Return physical points `(n, D)` about maxima `(M, D)`, spread by up to 8 posterior sds."""
     parts = []
     for theta in maxima:
         u, rng = posterior.coordinates.from_physical(theta[None]), np.random.default_rng(0)

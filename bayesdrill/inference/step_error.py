@@ -121,7 +121,7 @@ def choose_steps(
 
 
 def chosen_steps(posterior: Posterior) -> dict[str, StepSizes]:
-    """Return automatically chosen steps by the labels of experiments."""
+    """Return the steps that were chosen automatically, by the label of the experiment."""
     observations = (*posterior.likelihood.observations, *posterior.likelihood.held_out)
     steppings = {observation.label: observation.response.stepping for observation in observations}
     return {label: (s.pieces, s.turns) for label, s in steppings.items() if s and s.chosen}

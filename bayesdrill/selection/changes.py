@@ -62,8 +62,8 @@ DRAG_MARGIN = 4.0  # largest drag, divided by the drag that acts as strongly as 
 # Largest dry friction, divided by the friction that acts as strongly as all other torques.  The root
 # mean square of these torques is small in a record in which the rig mostly rests.
 HOLDING = 4.0
-# Starts of searches for dry friction: sliding and static friction as fractions of its size, and the
-# speed scale of static friction as a fraction of the largest speed.
+# Starts of searches for dry friction: sliding and static friction as fractions of a size, and the
+# speed scale of static friction as a fraction of the largest speed; see `Setting` for both.
 SLIDING_SHARES, STATIC_SHARES, FADING_SHARE = (0.05, 0.5), (0.1, 0.8), 0.03
 # Starts of searches for other physics, between these fractions of its largest size.  A rig without a
 # drive needs more starts: the likelihood has a maximum for each number of oscillations until rest.
@@ -418,7 +418,7 @@ class Setting:
         return replace(_physics(name, words, priors), starts=starts)
 
     def _at_rest(self, i: InertiaRoles) -> Iterator[Change]:
-        """Yield static friction for candidates with dry friction, then both in one change."""
+        """Yield static friction for candidates with dry friction, then a change with both frictions."""
         sizes = self.sizes
         largest = self.speeds.get(i.name, 0.0)
         if i.static not in sizes or largest == 0:

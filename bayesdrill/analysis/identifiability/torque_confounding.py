@@ -1,4 +1,4 @@
-"""Find parameters that a missing torque can replace, and remedies.
+"""Find parameters that a missing torque can replace, and propose remedies.
 
 The Fisher information of all unknowns, with the priors, is compared with that of a rig without a
 missing torque.  Information is the mean Gauss-Newton curvature of records simulated at the point.
