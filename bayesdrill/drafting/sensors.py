@@ -39,7 +39,7 @@ def identify_sensors(
     dt = segment.dt
     sensors = _by_twist(_by_derivative(drafts, dt), dt)
     known: list[Sensor] = []
-    for sensor in sorted(sensors, key=lambda s: s.location == MOTOR):  # fast motors last
+    for sensor in sorted(sensors, key=lambda s: s.location == MOTOR):  # motors last: they are fast
         if sensor.kind:
             known.append(_with_unit(sensor, [*sensors, *known], dt))
         else:
