@@ -168,7 +168,7 @@ MAX_PRIOR_TRIES = 1000  # largest number of draws from the prior until a respons
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationStudy:
-    """A study refits `posterior` to simulated records by `plan`, and ranks truths by `draws` draws."""
+    """A study refits simulated records by `plan`, and ranks each truth among `draws` draws."""
 
     posterior: Posterior
     plan: FitPlan

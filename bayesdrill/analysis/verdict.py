@@ -282,7 +282,7 @@ def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponent
 class _TableComparison:
     """Logs of draw / nominal value are compared with `limits (m, 2)` of tolerances.
 
-    `at_end (m,)` flags draws pressed against a prior's end, `at_nominal (m,)` ends at nominal values.
+    Flags mark draws pressed against an end, `at_end (m,)`, or cut off at the table, `at_nominal (m,)`.
     """
 
     study: IdentifiabilityStudy

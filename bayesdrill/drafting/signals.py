@@ -333,7 +333,7 @@ MAX_DEPARTURE = 1.5  # largest departure of another channel during a glitch / ty
 
 
 def _without_swings(sensor: Sensor, others: Sequence[Sensor], segment: Segment) -> Sensor:
-    """Return the sensor; a long glitch stays in its list only if no other channel departs then."""
+    """Return the sensor; a long glitch stays in `glitches` only if no other channel departs then."""
     channels = [o.values for o in others if o is not sensor and o.kind in (*TURNS, "current")]
 
     def alone(begin: float, end: float) -> bool:
