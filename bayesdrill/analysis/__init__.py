@@ -1,7 +1,7 @@
 """Interpret a posterior: identifiability, verdict, causes of a bad fit, comparison, calibration.
 
-Modules take a `Problem` and draws, and return records of numbers. The package `report` turns these
-into sentences, tables and figures.
+Modules take a `Problem` and draws, and return dataclasses of numbers. The package `report` turns
+these into sentences, tables and figures.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ from bayesdrill.basics.findings import Finding
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.fit import FitPlan, fit
 
-NAMED_SHIFT_SDS = 3.0  # smallest shift or excess spread of the ranks, in standard errors, to name
+NAMED_SHIFT_SDS = 3.0  # smallest shift or excess spread of ranks that is named, in standard errors
 
 
 def rank(truth: float, draws: Array, rng: np.random.Generator) -> int:
@@ -70,7 +70,7 @@ LEVEL_BISECTIONS = 40  # number of bisections for the level of the pointwise int
 class RankBand:
     """A band limits how many of `n` ranks are below each fraction `shares (L,)` of their range.
 
-    Uniform ranks have all counts from `low` to `high (L,)` with probability 1 - `false_alarm`.
+    Counts of uniform ranks are all between `low` and `high (L,)` with probability 1 - `false_alarm`.
     """
 
     n: int
@@ -80,7 +80,7 @@ class RankBand:
     false_alarm: float
 
     def count_below(self, ranks: Counts) -> Counts:
-        """Count the `ranks (n,)` below each share, `(L,)`."""
+        """Count the `ranks (n,)` below each of `shares`, `(L,)`."""
         n_draws = len(self.shares)
         return np.cumsum(np.bincount(ranks, minlength=n_draws + 1))[:n_draws]
 
@@ -138,14 +138,14 @@ def _pointwise(table: Array, level: float) -> tuple[Counts, Counts]:
 def _stay_probability(n: int, quantiles: Array, low: Counts, high: Counts) -> float:
     """Return the probability that counts of `n` uniforms are from `low` to `high` at all `quantiles`.
 
-    Each uniform above share k is below share k + 1 independently, so that counts are a Markov chain.
+    Uniforms above quantile k are independently below quantile k + 1, so counts are a Markov chain.
     """
     log_factorial = scipy.special.gammaln(np.arange(n + 1) + 1.0)
     counts, probability, before = np.array([0]), np.array([1.0]), 0.0
-    for share, first, last in zip(quantiles, low, high, strict=True):
+    for quantile, first, last in zip(quantiles, low, high, strict=True):
         if last < first:
             return 0.0
-        p = (share - before) / (1.0 - before)
+        p = (quantile - before) / (1.0 - before)
         next_counts = np.arange(first, last + 1)
         steps = next_counts[None, :] - counts[:, None]
         remaining = n - counts[:, None]
@@ -158,17 +158,17 @@ def _stay_probability(n: int, quantiles: Array, low: Counts, high: Counts) -> fl
             + (remaining - new) * np.log1p(-p)
         )
         probability = probability @ np.where(steps >= 0, np.exp(log_p), 0.0)
-        counts, before = next_counts, share
+        counts, before = next_counts, quantile
     return float(probability.sum())
 
 
-LOG_LIKELIHOOD = "log likelihood"  # is ranked, as it depends on the record (Modrak et al. 2023)
+LOG_LIKELIHOOD = "log likelihood"  # ranked too, as it depends on the record (Modrak et al. 2023)
 MAX_PRIOR_TRIES = 1000  # largest number of draws from the prior until a response is finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationStudy:
-    """A study fits the `posterior` of each record by a `plan`; `draws` is the number L of draws."""
+    """A study refits simulated records by `plan`, and ranks each truth among `draws` draws."""
 
     posterior: Posterior
     plan: FitPlan
@@ -182,7 +182,7 @@ class CalibrationStudy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refit:
-    """A refit has `truth` and `ranks` by the study's names; without draws, `ranks` is empty."""
+    """A refit has `truth` and `ranks` in the order of `names`; without draws, `ranks` is empty."""
 
     index: int
     truth: tuple[float, ...]
@@ -195,7 +195,7 @@ class Refit:
 
     @property
     def converged(self) -> bool:
-        """Return whether the refit met its targets."""
+        """Return whether the refit met its convergence targets."""
         return not self.reasons
 
 
@@ -248,9 +248,9 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
     raise InputError.at("parameters", f"the model has no finite response at {tries}; narrow them")
 
 
-FALSE_ALARM = 0.01  # probability that the verdict finds any fault of a right posterior
+FALSE_ALARM = 0.01  # probability that the verdict finds a fault although the posterior is right
 LEVELS = (0.5, 0.8, 0.94)  # probabilities of the credible intervals
-MAX_NOT_CONVERGED = 0.05  # largest share of refits that may miss their convergence targets
+MAX_NOT_CONVERGED = 0.05  # largest fraction of refits that may miss their convergence targets
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

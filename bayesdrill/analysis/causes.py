@@ -1,8 +1,8 @@
 """Rank candidate models of a bad fit by their evidence, and test the nominal table against them.
 
 An effect that is missing from the rig biases the rig's parameters, even if residuals look like noise.
-Before the nominal table is blamed, each effect that the rig offers is therefore added alone:
-parameters are held at their nominal values, within tolerances, and all others are fitted again.
+Before the nominal table is blamed, each effect that the rig offers is therefore added alone.
+Parameters with a nominal value are held within its tolerance, and all others are fitted again.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Doubt:
 
     Its kind is "end" if an unknown is at an end of its prior, "maxima" if another maximum is about as
     high, and "alike" if unknowns are interchangeable.  It is "hidden" if the candidate leaves out a
-    `share` of the samples and does not explain the rest.  `said_of` names the unknowns or changes.
+    `share` of the samples without explaining the others.  `said_of` names the unknowns or changes.
     """
 
     kind: Literal["end", "maxima", "alike", "hidden"]
@@ -60,10 +60,10 @@ class Doubt:
 class Cause:
     """A candidate model adds `parts` to the config as given.
 
-    `words` describe the parts, `lines` are their lines of a config, and `lacks` are parameters that
-    the rig lacks.  `gain` and `bayes` are the log posterior and the log evidence (Laplace) minus those
-    of the config as given.  `new` are further unknowns, and `fit` summarises the residuals.  A refit
-    that is not `finished` was stopped early, as it could not become as probable as the best refit.
+    `words` describe the parts, and `lines` are the lines that add them to a config.  `lacks` names
+    parameters that the rig lacks.  `gain` and `bayes` are the log posterior and the log evidence
+    (Laplace) minus those of the config as given.  `new` are unknowns that the parts add, and `fit` are
+    the residuals.  A refit that is not `finished` was stopped, as it could not become the best.
     """
 
     parts: tuple[str, ...]
@@ -107,9 +107,9 @@ class Cause:
 class Causes:
     """Refitted candidates are `ranked`: the recommended one first, then the most probable.
 
-    `given` are the residuals of the config as given.  `left_out` maps candidates that could not be
-    tried to reasons.  If no candidate explains all, `windows` has unknowns refitted to windows of the
-    record.  `reference` is a pair: an input, and the channel that follows this input as a set point.
+    `given` summarises the residuals of the config as given.  `left_out` maps candidates that could not
+    be tried to reasons.  If no candidate explains all, `windows` has the unknowns refitted to each
+    window of the record.  `reference` is an input, and the channel that follows it as a set point.
     `untried` describes combinations that would have taken too many evaluations.
     """
 
@@ -134,9 +134,9 @@ class Causes:
 def recommended(causes: Sequence[Cause]) -> Cause | None:
     """Return the simplest candidate whose evidence is close to that of the best candidate.
 
-    Only finished candidates with evidence and without doubts count.  A cause replaces an absorbing
-    part if it has at least `MIN_SHARE_OF_CATCH_ALL` of that part's log evidence.  Otherwise a cause
-    combined with the absorbing part is preferred to this part alone, if the combination gains more.
+    Only finished candidates with evidence and without doubts count.  A named cause replaces an absorbing
+    part if it has at least `MIN_SHARE_OF_CATCH_ALL` of that part's log evidence.  Otherwise a cause and
+    the absorbing part together replace this part alone, if their evidence is clearly larger.
     """
     good = [c for c in causes if c.bayes > SURE_LOG_ODDS and c.finished and not c.doubts]
     trusted = sorted(good, key=lambda cause: -round(cause.bayes, 3))
@@ -144,9 +144,9 @@ def recommended(causes: Sequence[Cause]) -> Cause | None:
         return None
     first, least = trusted[0], MIN_SHARE_OF_CATCH_ALL * trusted[0].bayes
     alone = {c.parts: c.bayes + SURE_LOG_ODDS for c in causes if c.bayes > SURE_LOG_ODDS}
-    beside = [cause for cause in trusted if cause.absorbing != cause.parts]
-    named = [cause for cause in beside if not cause.absorbing and cause.bayes >= least]
-    partly = [c for c in beside if c.bayes > max(least, alone.get(c.absorbing, SURE_LOG_ODDS))]
+    explaining = [cause for cause in trusted if cause.absorbing != cause.parts]
+    named = [cause for cause in explaining if not cause.absorbing and cause.bayes >= least]
+    partly = [c for c in explaining if c.bayes > max(least, alone.get(c.absorbing, SURE_LOG_ODDS))]
     if first.absorbing and named:
         first, trusted = named[0], named
     elif first.absorbing == first.parts and partly:
@@ -166,7 +166,7 @@ class EquivalentExplanation:
     """A `parameter` that the rig lacks explains the record as well as deviations from the table.
 
     With this `value` [SI] all nominal values hold.  `lost` is the log likelihood of the MAP without
-    the parameter, minus that of the table with the parameter; it is negative if the latter fits better.
+    the parameter, minus that of the table with the parameter; it is negative if the table fits better.
     """
 
     parameter: str

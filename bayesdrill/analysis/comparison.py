@@ -1,7 +1,7 @@
 """Compare several models or experiments: which is more probable, and whether repeats agree.
 
-Repeats are compared at the joint maximum: a Gauss-Newton step from there, with the samples of one
-experiment, estimates it alone.  The spread of the estimates follows DerSimonian and Laird (1986).
+Repeats are compared at the joint maximum: from there, a Gauss-Newton step with the samples of one
+experiment gives its own estimate.  The spread of estimates follows DerSimonian and Laird (1986).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from bayesdrill.sampling.evidence import Evidence
 class PosteriorSummary:
     """A summary of one run has its `name`, `draws (N, D)`, SI, and `settings` for comparison.
 
-    `mark` identifies the results.  Figures show `warning`, and `reasons` are reasons to distrust them.
+    `mark` identifies the results.  Figures show `warning`; `reasons` say why results are doubtful.
     """
 
     name: str
@@ -177,8 +177,8 @@ class ModelDecision:
     """A decision says which of several models is the most probable, and by how much.
 
     `first` and `best` are indices of the reference and of the most probable model. `gain` has the log
-    odds of `best` against the reference ("first"), and against the best model with the rig of the
-    reference ("model") or its noise ("noise"). Wide priors of `vague` unknowns alone may be decisive.
+    odds of `best` against the reference ("first"), and against the best model with the reference's rig
+    ("model") or noise ("noise").  Wide priors of `vague` unknowns alone may be decisive.
     """
 
     word: Word

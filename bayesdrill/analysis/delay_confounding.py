@@ -47,7 +47,7 @@ def delays_and_time_constants(posterior: Posterior, theta: Array) -> Iterator[Fi
 
 
 def _delays(observation: Observation) -> Iterator[str]:
-    """Yield the names that the delays of an experiment have among the unknowns."""
+    """Yield the names that the delays of an experiment have in the parameter space."""
     sensing = observation.response.sensing
     called = observation.named(observation.response.parameters)
     every = (sensing.delay, *sensing.input_lags.values(), *sensing.lags.values())
@@ -57,12 +57,12 @@ def _delays(observation: Observation) -> Iterator[str]:
 def _time_constants(
     observation: Observation, posterior: Posterior, theta: Array, moves: Array
 ) -> list[tuple[float, Array]]:
-    """Return time constants [s] and derivatives `(D,)` of their logs, by the steps `moves (D, D)`."""
+    """Return time constants [s] and derivatives `(D,)` of their logs, by differences `moves (D, D)`."""
     full = posterior.space.full(np.vstack([theta, theta + moves]))
     every = poles(observation.response.model, observation.rig_parameters(full))
     constants = []
     for pole in every[0]:
         if pole.real < 0 and abs(pole.imag) < 1e-9 * abs(pole):
-            near = [row[np.argmin(np.abs(row - pole))].real for row in every[1:]]
-            constants.append((-1 / pole.real, -(np.array(near) / pole.real - 1) / STEP))
+            moved = [row[np.argmin(np.abs(row - pole))].real for row in every[1:]]
+            constants.append((-1 / pole.real, -(np.array(moved) / pole.real - 1) / STEP))
     return constants

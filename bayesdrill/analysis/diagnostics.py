@@ -2,7 +2,7 @@
 
 If all ensembles draw from one distribution, the ranks of each ensemble's draws among all draws are
 uniform (Vehtari et al. 2021; Saeilynoja, Buerkner and Vehtari 2022; ArviZ plots them).  The limits of
-chance come from random tables of ensembles by bins with the same row and column totals.
+chance come from random tables (a row for each ensemble, a column for each bin) with equal totals.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from bayesdrill.sampling.mode_search import Mode
 
 Word = Literal["determined", "weak", "through others", "prior only"]
 
-# An unknown is "prior only" if its shrinkage and its Kolmogorov distance to the prior are smaller.
+# An unknown is "prior only" if shrinkage and Kolmogorov distance to the prior are below these limits.
 PRIOR_ONLY_SHRINKAGE = 0.1
 PRIOR_ONLY_DISTANCE = 0.1
 DETERMINED_SHRINKAGE = 0.5  # an unknown with more shrinkage is determined
@@ -34,7 +34,7 @@ DETERMINED_SHRINKAGE = 0.5  # an unknown with more shrinkage is determined
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterRow:
-    """A row of the summary table describes one unknown, SI.
+    """A row of the summary table describes one unknown, in SI.
 
     `deviation` is mean / nominal - 1, or None without a nominal value.  `shrinkage` is 1 - sd / (sd of
     the prior).  `pressed_against` is the end of the prior at which draws accumulate, or None.
@@ -88,9 +88,9 @@ def summarise(
 
 def distance_to_prior(x: Array, prior: Prior) -> float:
     """Return the Kolmogorov distance between draws `(N,)` and the prior."""
-    shares = np.linspace(0.0, 1.0, 201)[1:-1]
-    below = np.searchsorted(np.sort(x), prior.quantile(shares)) / len(x)
-    return float(np.max(np.abs(below - shares)))
+    probabilities = np.linspace(0.0, 1.0, 201)[1:-1]
+    below = np.searchsorted(np.sort(x), prior.quantile(probabilities)) / len(x)
+    return float(np.max(np.abs(below - probabilities)))
 
 
 def _identification(shrinkage: float, distance: float) -> Word:
@@ -99,9 +99,9 @@ def _identification(shrinkage: float, distance: float) -> Word:
     return "determined" if shrinkage > DETERMINED_SHRINKAGE else "weak"
 
 
-END_MASS = 0.05  # prior mass next to an end; draws accumulate if half of them are inside
-MIN_SHARE_NEAR_END = 0.25  # share of draws before half-way from end to median, for a flat density
-NEAR_END_MASS = 0.05  # a nominal value with less prior mass between it and an end is near this end
+END_MASS = 0.05  # prior mass next to an end; draws accumulate there if half of them are in it
+MIN_SHARE_NEAR_END = 0.25  # a flat density has this fraction nearer to the end than to the median
+NEAR_END_MASS = 0.05  # a nominal value is near an end if less prior mass lies between the two
 THREE_SIGMA_TAIL, TWO_SIGMA_TAIL = 1e-3, 2.28e-2  # normal tail masses beyond three and two sigma
 
 
@@ -109,8 +109,8 @@ def pressed_against(x: Array, prior: Prior) -> float | None:
     """Return the end of `prior` at which draws `(N,)` accumulate, or None.
 
     Half of the draws lie in the last `END_MASS` of the prior's mass, and their density rises towards
-    the end, both along x and relative to the prior.  Corners of a box of priors have less effect: if
-    nine parameters share a scale, the density rises as x^8, and only 37 % are in the last 5 %.
+    the end, both along x and relative to the prior.  A corner of the priors' box has less effect: if
+    nine parameters share a scale, the density rises as x^8, and 37 % of draws are in the last 5 %.
     """
     if prior.vanishes_at_ends:
         return None
@@ -159,7 +159,7 @@ def end_at_nominal(x: Array, prior: Prior, nominal: float) -> float | None:
     return None
 
 
-MIN_EXPLAINED = 0.8  # smallest share of an unknown's rank variance that others have to explain
+MIN_EXPLAINED = 0.8  # smallest fraction of an unknown's rank variance that others have to explain
 MIN_SLOPE = 0.3  # standardised regression coefficient above which another unknown is named
 MAX_DRAWS = 4000  # draws are thinned to about this number
 

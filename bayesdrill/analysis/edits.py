@@ -35,7 +35,7 @@ class Lack:
 
 
 def lacks(roles: Roles) -> tuple[Lack, ...]:
-    """Return effects that may be missing; inertias with one speed state share one dry friction."""
+    """Return effects that may be missing; inertias with the same speed share one dry friction."""
     inertias, several = roles.inertias, len(roles.motors) > 1
     rubs = {i.speed: i for i in reversed(inertias) if i.sliding}.values()
     drop = "voltage_drop", "a voltage drop of driver and brushes"
@@ -55,13 +55,13 @@ def rig_candidates(
 ) -> dict[str, float]:
     """Return parameters that the rig offers but lacks, with upper limits, at `full (1, P)`.
 
-    The limits follow from simulated states, or if `measured` from states that channels show.
+    The limits follow from simulated states or, if `measured` is true, from states in channels.
     """
     model = observations[0].response.model
     has, taken = {*model.parameters}, set[str]()
     for i, other in itertools.permutations(model.roles.inertias, 2):
         if i.speed == other.speed:
-            # Inertias with one speed state share one friction and one damping.
+            # Inertias with the same speed state share one friction and one damping.
             taken |= {other.sliding} if {i.sliding, i.efficiency} & has else set()
             taken |= {other.damping} if i.damping in has else set()
     offered = {name for name, needs in model.offers.items() if {*needs} <= has} - has - taken
@@ -138,7 +138,7 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[s
 
 
 def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
-    """Add parameters of missing effects as unknowns, with limits by the motion at `theta (D,)`."""
+    """Add parameters of missing effects as unknowns, with limits from the motion at `theta (D,)`."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space.full(theta[None]))
     free = []
     for name, size in sizes.items():

@@ -1,4 +1,4 @@
-"""Compute the motion at each friction in an experiment, and its law for the record's speeds."""
+"""Compute the motion at each friction of an experiment, and the friction law at these speeds."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ SPEED_MARGIN = 1.05  # largest speed at which a law is drawn, divided by that of
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionMotion:
-    """The motion at one friction is given at the samples `t (T,)`, for the MAP.
+    """The motion at one friction is given at the samples `t (T,)`, at the MAP.
 
-    The state has `speed (T,)`; times `gear`, this is the speed at the friction.  The friction has
-    `effort (T,)`, and sticks until the next sample if `sticks (T,)`.  Draws have `efforts (N, T)`.
+    At the friction, the speed is `gear` times the state's `speed (T,)`.  Its torque, force or voltage is
+    `effort (T,)`, or `efforts (N, T)` at draws.  It sticks until the next sample if `sticks (T,)`.
     """
 
     friction: Friction
@@ -46,7 +46,7 @@ class FrictionMotion:
 
     @property
     def stuck_later(self) -> float:
-        """Return the fraction of the record's duration in which it sticks after its first motion."""
+        """Return the time that the friction sticks after the first motion, divided by the duration."""
         steps = np.where(np.cumsum(~self.sticks[:-1]) > 0, np.diff(self.t), 0.0)
         return float(steps[self.sticks[:-1]].sum() / np.diff(self.t).sum())
 
@@ -58,7 +58,7 @@ class FrictionMotion:
 
     @property
     def slowest(self) -> float:
-        """Return the smallest speed from the first sample with half of the greatest speed on."""
+        """Return the smallest speed after the speed has first reached half of its maximum."""
         size = np.abs(self.speed) * self.gear
         first = int(np.argmax(size >= 0.5 * size.max()))
         return float(size[first:].min())
@@ -72,7 +72,7 @@ class FrictionMotion:
 def friction_motions(
     posterior: Posterior, theta: Array, draws: Array
 ) -> tuple[tuple[FrictionMotion, ...], ...]:
-    """Return the frictions of each experiment, at the MAP `theta (D,)` and at draws `(N, D)`."""
+    """Return the motion at each friction by experiment, at the MAP `theta (D,)` and draws `(N, D)`."""
     full = posterior.space.full(np.vstack([theta[None], draws]))
     return tuple(tuple(_friction_motions(each, full)) for each in posterior.likelihood.observations)
 
@@ -107,7 +107,7 @@ class FrictionCurve:
 
 
 def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Array) -> FrictionCurve:
-    """Compute a law at `full (W, P)` for the speeds of a record, with the rms of its other inputs."""
+    """Compute a law at `full (W, P)` for a record's speeds; other inputs of the law have their rms."""
     rig, friction = observation.response, rubbing.friction
     largest = SPEED_MARGIN * float(np.abs(rubbing.speed).max()) or 1.0
     one_way = largest * np.geomspace(SMALLEST_SPEED, 1.0, CURVE_POINTS)

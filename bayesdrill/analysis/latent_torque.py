@@ -1,11 +1,11 @@
 """Estimate the missing torque over time, and find what it follows: speed, angle, input, or time.
 
-Each draw of the unknowns has its own torque, drawn given all samples.  A torque is drawn from
-its prior, and the smoothed difference between the record and its signals corrects it.  Draws are thus
-from the joint posterior of unknowns and torque, and their band includes both uncertainties.
+For each draw of the unknowns, a torque is drawn given the whole record.  It is first drawn from the
+prior; then the smoother estimates a correction from the record minus the signals of this torque.  The
+draws are thus from the joint posterior of unknowns and torque, and their band has both uncertainties.
 
-Over the samples at which its inertia turns, the torque is then regressed on candidates by least
-squares.  Candidates are selected one by one, as long as the next explains a good part of the rest.
+The torque is then regressed on candidates by least squares, at the times at which the inertia turns.
+Candidates are selected one by one, while the next explains enough of the remaining squares.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from bayesdrill.rig.models.roles import ROTARY, InertiaRoles
 from bayesdrill.rig.simulators import simulator
 
 STANDSTILL = 0.05  # speed divided by its root mean square, below which an inertia stands still
-MIN_TURNING_SHARE = 0.05  # if the inertia turns at a smaller share of samples, all samples are used
+MIN_TURNING_SHARE = 0.05  # if the inertia turns at a smaller fraction of samples, all are used
 TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 
 
@@ -37,7 +37,7 @@ class ChannelMotion:
 
     `spread` is the sd of the channel.  At the mean of the draws, `without` is the rms of residuals
     without the torque, `left` that with the torque, and `moved` the rms of the torque's effect.
-    `strayed` is the error of the linear prediction, in sds of noise, NaN for a linear rig.
+    `strayed` is the error of linearising the torque's effect, in sds of noise; NaN for a linear rig.
     """
 
     channel: str
@@ -57,8 +57,8 @@ class ChannelMotion:
 class TorqueEstimate:
     """The missing torque of one experiment is estimated at its times `t (T,)`.
 
-    `draws (N, T)` are torques [N m], and `expected (T,)` is their mean without the noise of drawing.
-    `states (T,)` of the rig by name are means of the draws, and `inputs (T,)` are measured, SI.
+    `draws (N, T)` are torques [N m], and `expected (T,)` is the mean of the smoothed torques.  `states`
+    maps names of the rig's states to their means `(T,)` over draws; `inputs` are measured.  Both are SI.
     """
 
     label: str
@@ -73,7 +73,7 @@ class TorqueEstimate:
 
     @property
     def band(self) -> Array:
-        """Return the central band `(2, T)` of the draws, with the probability of an HDI."""
+        """Return the central band `(2, T)` of the draws, with the same probability as an HDI."""
         return np.asarray(np.quantile(self.draws, TAILS, axis=0))
 
     @property
@@ -176,7 +176,7 @@ def _nonlinear_error(
 ) -> Array:
     """Return the rms error `(K,)` of a `linear (T, K)` prediction, in sds of noise; NaN if exact.
 
-    The prediction, for `torque (T,)`, lets friction keep its sign, and replaces pendulums by springs.
+    The linear prediction for `torque (T,)` keeps the sign of friction, and has springs for pendulums.
     """
     response, experiment = observation.response, observation.experiment
     assert observation.torque is not None  # the caller estimates it
@@ -211,14 +211,14 @@ def _size(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-MIN_SHARE_OF_REST = 0.3  # smallest share of remaining squares that a selected candidate explains
-MIN_SHARE = 0.1  # smallest share of all squares that a selected candidate explains
+MIN_SHARE_OF_REST = 0.3  # smallest fraction of remaining squares that a selected candidate explains
+MIN_SHARE = 0.1  # smallest fraction of all squares that a selected candidate explains
 CONSTANT_RATIO = 1e-9  # a candidate whose values stay below this limit counts as zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueRegression:
-    """The torque is regressed on a function, `kind`, of a speed, an angle or an input, `of`.
+    """The torque is regressed on the function `kind` of the quantity `of`: a speed, an angle, an input.
 
     Alone, the function explains a `share` of the squares of the torque.  If it is `taken` into the
     joint regression, `size` is its coefficient [N m per SI unit], or the amplitude for an angle.  `sd`

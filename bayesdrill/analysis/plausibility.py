@@ -19,10 +19,10 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
 from bayesdrill.rig.models.linear import Model, dynamics
 
-APPRECIABLE = 0.05  # relative deviation from which on a finding is reported
+APPRECIABLE = 0.05  # smallest relative deviation that is reported
 MOST_DRAWS = 2000  # draws are thinned to about this number
-UNSTABLE = 1e-9  # a smaller real part of a pole, relative to the largest pole, is a rounding error
-FEW = 0.01  # share of the draws or samples below which a finding is not reported
+UNSTABLE = 1e-9  # real part of a pole / largest |pole|, below which it may be a rounding error
+FEW = 0.01  # fraction of the draws or samples, below which a finding is not reported
 UNHEARD_OF = 1e-6  # prior mass next to each end in which no nominal value should lie
 SAME_GEAR = 0.02  # relative tolerance of gear ratios, as data sheets round them
 
@@ -116,7 +116,7 @@ def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> Itera
 
 
 def _saturations(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
-    """Yield the share of samples in which servos are at their limits, or need more than the supply."""
+    """Yield the fraction of samples with servos at their limits, or beyond their supply."""
     model, p = sensitivity.model, sensitivity.rig_at(theta)
     records = [each.experiment for each in sensitivity.likelihood.observations]
     for motor in (motor for motor in model.roles.motors if motor.goal):
@@ -131,12 +131,12 @@ def _saturations(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Findin
             duty -= p.get(motor.derivative, 0.0) * x[inertia.speed] / inertia.reduction
             dead = gain * p.get(motor.band, 0.0)
             beyond.append(p[motor.duty] * (np.abs(duty) - dead) > largest)
-        share = float(np.mean(np.concatenate(beyond)))
+        excess = float(np.mean(np.concatenate(beyond)))
         names = {"motor": inertia.words, "limit": motor.limit}
         if motor.limit in p:
-            yield Finding("servo that saturates", names, {"percent": 100 * share, "duty": largest})
-        elif share > FEW:
-            yield Finding("servo beyond its supply", names, {"percent": 100 * share})
+            yield Finding("servo that saturates", names, {"percent": 100 * excess, "duty": largest})
+        elif excess > FEW:
+            yield Finding("servo beyond its supply", names, {"percent": 100 * excess})
 
 
 def _driving_frictions(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
@@ -149,12 +149,12 @@ def _driving_frictions(sensitivity: SensitivityStudy, theta: Array) -> Iterator[
         forwards = np.sign(p[inertia.friction] * inertia.reduction)
         speeds = [motion[:, column] for motion in sensitivity.motions(theta)]
         other_way = [forwards * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
-        share = float(np.mean(np.concatenate(other_way)))
-        if share > FEW:
+        fraction = float(np.mean(np.concatenate(other_way)))
+        if fraction > FEW:
             drives = " and ".join(n for n in rig.inputs if rig.symbols[n].drives)
             names = {"inertia": inertia.words, "moves": moves, "drives": drives}
             names |= {"friction": inertia.friction, "sliding": inertia.sliding}
-            yield Finding("friction that drives", names, {"percent": 100 * share})
+            yield Finding("friction that drives", names, {"percent": 100 * fraction})
 
 
 def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
@@ -185,13 +185,13 @@ def _energy_of_draws(
 ) -> Iterator[Finding]:
     for k_T, k_e in _constants(values, model):
         ratio = values[k_T] / values[k_e]
-        share = float(np.mean(ratio > 1 + APPRECIABLE))
-        if share <= FEW:
+        fraction = float(np.mean(ratio > 1 + APPRECIABLE))
+        if fraction <= FEW:
             continue
         powers = np.array([{k_T: 1.0, k_e: -1.0}.get(name, 0.0) for name in information.names])
         blind = bool(powers.any()) and not math.isfinite(information.bound(powers))
         middle = float(np.median(ratio))
-        numbers = {"margin": 100 * APPRECIABLE, "percent": 100 * share, "ratio": middle}
+        numbers = {"margin": 100 * APPRECIABLE, "percent": 100 * fraction, "ratio": middle}
         kind = "power of priors" if blind else "power of draws"
         yield Finding(kind, {"constant": k_T, "back_emf": k_e}, numbers)
 
@@ -214,30 +214,30 @@ def _poles(poles: NDArray[np.complex128], problem: Problem) -> Iterator[Finding]
     step = min(observation.experiment.dt for observation in problem.observations)
     size = np.abs(poles).max(axis=1)
     largest = poles.real.max(axis=1)
-    share = float(np.mean(largest > UNSTABLE * size))
-    if share > 0:
+    fraction = float(np.mean(largest > UNSTABLE * size))
+    if fraction > 0:
         pole = {"pole": float(largest.max())}
-        yield Finding("unstable pole", {}, pole | _of_draws(poles, share))
+        yield Finding("unstable pole", {}, pole | _of_draws(poles, fraction))
     decay = np.abs(poles.real).max(axis=1)
-    share = float(np.mean(decay * step > 1))
-    if share > FEW:
+    fraction = float(np.mean(decay * step > 1))
+    if fraction > FEW:
         middle, model = float(np.median(decay)), problem.model
         motors = [motor for motor in model.roles.motors if motor.inductance in model.parameters]
         sets = " and ".join(f"{motor.inductance}/{motor.resistance}" for motor in motors)
         numbers = {"decay_ms": 1e3 / middle, "pole": -middle, "step_ms": 1e3 * step}
-        yield Finding("fast decay", {"constants": sets}, numbers | _of_draws(poles, share))
+        yield Finding("fast decay", {"constants": sets}, numbers | _of_draws(poles, fraction))
     turns = np.abs(poles.imag).max(axis=1) / (2 * math.pi)
-    share = float(np.mean(2 * turns * step > 1))
-    if share > FEW:
+    fraction = float(np.mean(2 * turns * step > 1))
+    if fraction > FEW:
         numbers = {"frequency": float(np.median(turns)), "rate": 1 / step}
-        yield Finding("fast oscillation", {}, numbers | _of_draws(poles, share))
+        yield Finding("fast oscillation", {}, numbers | _of_draws(poles, fraction))
 
 
 def _of_draws(poles: NDArray[np.complex128], fraction: float) -> dict[str, float]:
     return {} if len(poles) == 1 else {"percent": 100 * fraction}
 
 
-DIFFUSE_DECADES = 2.1  # a log-uniform prior, or another of equal sd, is diffuse if it spans more
+DIFFUSE_DECADES = 2.1  # a prior is diffuse if a log-uniform prior with its sd spans more decades
 DIFFUSE_RATIO = 100.0  # a prior is diffuse if its sd / (rms of the draws) is larger
 # Posterior sd divided by prior sd, above which a wide prior hardly affects the evidence.
 MAX_REMAINING_WIDTH = 0.5
@@ -253,7 +253,7 @@ class DiffusePrior:
 
 
 def diffuse_priors(draws: Array, priors: Mapping[str, Prior]) -> Iterator[DiffusePrior]:
-    """Yield diffuse priors of unknowns that the record narrows; `draws (N, D)` in their order."""
+    """Yield each diffuse prior of an unknown that the record narrows, by the draws `(N, D)` of all."""
     for (name, prior), x in zip(priors.items(), draws.T, strict=True):
         if prior.in_logs:
             wide = prior_log_sd(prior)

@@ -2,8 +2,8 @@
 
 The probability integral transform (PIT) of a sample is the predicted probability of a smaller value.
 If model and noise are right, PITs are uniform.  A sample that helps to predict itself would be
-predicted too well, so each PIT is of the posterior without that sample.  Draws are weighted by the
-sample's inverse density, and weights truncated at their mean times sqrt(n_draws) (Ionides 2008).
+predicted too well, so each PIT refers to the posterior without that sample: draws are weighted by the
+sample's inverse density, with weights of at most their mean times sqrt(n_draws) (Ionides 2008).
 Pareto smoothing fails for samples at which all draws agree, such as the first of a rig at rest.
 """
 
@@ -99,7 +99,7 @@ MAX_DRAWS = 800  # draws are thinned to this number
 MAX_SCORED = 50_000  # largest number of scored samples, as the densities of all draws are in memory
 EQUAL_LOG_DENSITY = 1e-12  # log densities of a sample that differ by less count as equal
 BAD_PARETO_K = 0.7  # Pareto k above which the score of a sample depends on a few draws
-MAX_BAD_SHARE = 0.01  # largest share of samples that may have such a k
+MAX_BAD_SHARE = 0.01  # largest fraction of samples that may have such a k
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +113,7 @@ class HeldOutScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LooScore:
-    """The score `elpd` is the sum of `terms (n,)`; k is large in the fraction `unreliable` of them."""
+    """The score `elpd` sums `terms (n,)`; `unreliable` is the fraction of terms with a large k."""
 
     elpd: float
     terms: Array
@@ -121,12 +121,12 @@ class LooScore:
 
 
 def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
-    """Score held-out segments and experiments by draws `theta (N, D)`; return None without any."""
+    """Score held-out segments and experiments by draws `theta (N, D)`; None if there are none."""
     theta, log_densities = _thinned(theta), []
     full, likelihood = posterior.space.full(theta), posterior.likelihood
-    stretches = [(part, part.experiment.held_out) for part in likelihood.observations]
+    segments = [(part, part.experiment.held_out) for part in likelihood.observations]
     whole = [(part, part.experiment.y) for part in likelihood.held_out]
-    for observation, measured in (*stretches, *whole):
+    for observation, measured in (*segments, *whole):
         if measured is not None:
             residuals = measured - observation.signals(full)
             # Correlated noise is predicted from earlier samples of this part only.
@@ -143,7 +143,7 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
 def leave_one_out(
     posterior: Posterior, theta: Array, residual_rows: tuple[ResidualSummary, ...]
 ) -> LooScore | Finding:
-    """Score each sample as predicted from all others, by draws `theta (N, D)`, or return why not."""
+    """Score each sample as predicted from all others, by draws `theta (N, D)`, or say why not."""
     observations = posterior.likelihood.observations
     if sum(observation.n_measured for observation in observations) > MAX_SCORED:
         return Finding("too many samples to leave out", {}, {"most": MAX_SCORED})
@@ -190,7 +190,7 @@ def _thinned(theta: Array) -> Array:
 
 SEGMENTS = 8  # number of segments of Welch's method, with an overlap of one half
 SMOOTHED_FREQUENCIES = 7  # number of frequencies over which the spectrum of noise is averaged
-MIN_SAMPLED_SHARE = 0.9  # smallest share of measured samples; residuals of the others count as zero
+MIN_SAMPLED_SHARE = 0.9  # smallest fraction of measured samples; other residuals count as zero
 # Sd of a response divided by its magnitude, above which the input does not excite the channel.
 MAX_RELATIVE_SD = 0.25
 
@@ -268,9 +268,9 @@ def _response(
     observation: Observation, arguments: Array, f: Array, names: list[str]
 ) -> NDArray[np.complex128]:
     """Return C (i w - A)^-1 B, `(F, K, S)`, with sensors, and inputs held or linear between samples."""
-    walkers = observation.response.sensors
-    rig, sensing, dt = walkers.observed_model, walkers.sensing, observation.experiment.dt
-    p = dict(zip(rig.parameters, walkers.simulator_parameters(arguments)[0], strict=True))
+    sensors = observation.response.sensors
+    rig, sensing, dt = sensors.observed_model, sensors.sensing, observation.experiment.dt
+    p = dict(zip(rig.parameters, sensors.simulator_parameters(arguments)[0], strict=True))
     linear = rig.linear(p)
     b, s = np.zeros((len(rig.states), len(names))), 2j * np.pi * f[:, None, None]
     for (row, name), value in linear.B.items():
@@ -279,9 +279,9 @@ def _response(
     states = np.linalg.solve(s * np.eye(len(b)) - dynamics(linear, rig.states, 1), b[None])
     lags = np.zeros(len(names))
     for name, lag in sensing.input_lags.items():
-        lags[names.index(name)] = walkers.column(lag, arguments)[0]
-    delays = lags + walkers.channel_delays(arguments)[0][:, None]
+        lags[names.index(name)] = sensors.column(lag, arguments)[0]
+    delays = lags + sensors.channel_delays(arguments)[0][:, None]
     hold = np.sinc(s.imag * dt / (2 * np.pi))
     hold = hold**2 if observation.experiment.first_order else hold * np.exp(-s * dt / 2)
-    shown = walkers.gains(arguments)[0][:, None] * walkers.weights
+    shown = sensors.gains(arguments)[0][:, None] * sensors.weights
     return np.asarray(shown @ states * hold * np.exp(-s * delays))

@@ -15,15 +15,15 @@ from bayesdrill.rig.models.roles import InertiaRoles
 
 SMALLEST_RANGE = 1e-12  # a column with a smaller range [SI] is constant, as no sensor resolves less
 MIN_SAMPLES = 20  # shorter columns are not judged
-MAX_SAMPLES = 20_000  # number of samples of a longer record that are judged
-MIN_VARIANCE_RATIO = 1.5  # residual variance of a speed without the input / that with the input
+MAX_SAMPLES = 20_000  # largest number of samples of a record that are judged
+MIN_VARIANCE_RATIO = 1.5  # smallest residual variance of a speed without the input / that with it
 MIN_R_SQUARED = 0.5  # R^2 of the regression of a speed, below which its sign is not judged
 TURNED_CORRELATION = -0.9  # correlation of two angles, below which one of them counts backwards
 FALLING_CORRELATION = -0.5  # correlation below which the speed falls while the input rises
-ONE_WAY_SHARE = 0.98  # smallest share of samples on one side of zero in a record of one direction
+ONE_WAY_SHARE = 0.98  # smallest fraction of samples on one side of zero if a rig turns one way
 MAX_PERIOD = 20  # largest number of rows between two measured values of a slower sensor
-MIN_HELD_SHARE = 0.9  # smallest share of runs of equal values that have the typical length
-MIN_STEP_DIGITS = 3.0  # smallest typical step, in last digits; a slow angle changes digit by digit
+MIN_HELD_SHARE = 0.9  # smallest fraction of runs of equal values that have the typical length
+MIN_STEP_DIGITS = 3.0  # smallest typical step in last digits, as a slow angle changes by one digit
 
 
 def findings_of_record(
@@ -113,7 +113,7 @@ def _motion(
 def _one_direction(
     names: Mapping[str, str], inertia: InertiaRoles, model: Model, unknowns: Collection[str]
 ) -> Iterator[Finding]:
-    """Yield a finding, except if friction is unknown and the offset is fixed, as the user chose."""
+    """Yield a finding, unless the user has chosen an unknown friction and a fixed offset."""
     offset = next((name for name in unknowns if name.startswith(f"offset_{names['input']}")), "")
     motor = model.roles.motor(inertia.name)
     rubbing = (inertia.sliding, inertia.friction, motor.drop if motor else "")

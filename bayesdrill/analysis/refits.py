@@ -22,15 +22,15 @@ from bayesdrill.sampling.gauss_newton import gauss_newton, newton_gain
 # New unknowns start at these six quantiles of their priors.  With the known maximum and the start of
 # the config, these are eight points, which are simulated together in the time of one point.
 START_QUANTILES = (0.58, 0.05, 0.42, 0.2, 0.8, 0.65)
-FEW_STARTS = 3  # number of other starts, if a refit with only the last change is known
+FEW_STARTS = 3  # number of further starts, if a refit with only the last change is known
 ROTATION = 2  # cyclic shift of the quantiles from one unknown to the next
 FIRST_STEPS, LAST_STEPS = 4, 30  # numbers of Gauss-Newton steps from all starts, and from the best
-CLIMBED_STARTS = 8  # number of the best starts that take the last steps
+CLIMBED_STARTS = 8  # number of best starts from which the last steps are taken
 NEAR_END = 1e-3  # distance from an end, relative to the prior's spread, that counts as at the end
 HOPELESS_DEPTH = 30.0  # a search stops if it would end this far below the required log density
 MERGED = 1e-3  # points that are this close, relative to the priors' spreads, lead to one maximum
-# A second maximum counts if it is lower by at most this log density, and if it is farther away than
-# this share of the priors' spreads and than this number of sds.
+# A second maximum counts if it is lower by at most this log density.  It must also be farther away than
+# this fraction of the priors' spreads, and than this number of sds.
 OTHER_MAXIMUM_DEPTH, SAME_MAXIMUM, SAME_MAXIMUM_SDS = 3.0, 0.1, 5.0
 ROUNDING = 1e-14  # eigenvalues of a scaled curvature below this are rounding errors
 VAGUE = 0.5  # sd divided by the spread of the prior, above which the record says little
@@ -46,8 +46,8 @@ class RefitMaximum:
     another maximum with other values of new unknowns is about as high.  `exchangeable` are pairs of new
     unknowns that are interchangeable.  `vague` are unknowns that the record hardly determines.  One
     evaluation takes `seconds`; the refit has a `duration` [s] and a number of `evaluations`.
-    `omitted` is the share of samples that the candidate leaves out.  A search that is not finished was
-    stopped below its maximum.
+    `omitted` is the fraction of samples that the candidate leaves out.  A search that is not
+    finished was stopped below its maximum.
     """
 
     values: Mapping[str, float]
@@ -111,14 +111,14 @@ def refit_candidate(
     """Return the maximum of a candidate's `posterior`, or None without a finite response.
 
     Searches start from the values `initial`, from the maximum `single` with only the last change, and
-    from `starts`.  Without the latter two, they also start at quantiles of the priors of new unknowns.
+    from `starts`.  Without `single` and `starts`, they also start at quantiles of new unknowns' priors.
     A search stops if its next step promises less than the log density `threshold`.  It also stops if
     it is too slow to come near `threshold` and to reach the log evidence `rival`.  With a maximum
-    `single`, no search begins if the first step from `initial` promises to stay below `rival`.
+    `single`, no search begins if steps like the first one from `initial` would not reach `rival`.
 
     The log evidence is that of a Gaussian with the curvature at the maximum (MacKay 2003, ch. 27).
-    Priors count in it as Gaussians of their spread, so that an undetermined direction costs each
-    candidate the same.  Samples of the `records` that the candidate leaves out are Gaussian with mean
+    Priors count in it as Gaussians with their spreads, so that an undetermined direction costs each
+    candidate the same.  Samples of `records` that the candidate leaves out count as Gaussian, with mean
     and variance of their channel.  Those at the beginning may instead be a constant with noise.
     """
     started = time.perf_counter()
@@ -176,12 +176,12 @@ def _summarise(
     own_sds = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     sds = own_sds * np.abs(coordinates.slopes(theta[None])[0])
     low, high = np.stack([u[0] - surface.low, surface.high - u[0]]) < NEAR_END * surface.spread
-    # Only new unknowns distinguish maxima: the others may lie on a ridge.
+    # Only new unknowns distinguish maxima, as all other unknowns may differ along a ridge.
     new = [k for k, name in enumerate(space.free) if name not in initial]
     same = np.maximum(SAME_MAXIMUM * surface.spread, SAME_MAXIMUM_SDS * own_sds)
     is_other = (np.abs(u[1:] - u[0]) > same)[:, new].any(axis=1)
     is_other &= heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH
-    alike = np.abs(covariance / np.outer(own_sds, own_sds)) > MAX_CORRELATION
+    are_linked = np.abs(covariance / np.outer(own_sds, own_sds)) > MAX_CORRELATION
     pairs, fit = itertools.combinations(new, 2), residual_summaries(posterior.likelihood, theta)
     unseen, squares = _hidden(posterior.likelihood, records, theta)
     samples = posterior.likelihood.n_measured, sum(map(len, records.values()))
@@ -193,7 +193,7 @@ def _summarise(
         residuals=tuple(_with_hidden(r, squares.get((r.experiment, r.channel))) for r in fit),
         at_ends={space.free[k]: 1 if high[k] else -1 for k in np.flatnonzero(low | high)},
         has_rival=bool(is_other.any()),
-        exchangeable=tuple((space.free[j], space.free[k]) for j, k in pairs if alike[j, k]),
+        exchangeable=tuple((space.free[j], space.free[k]) for j, k in pairs if are_linked[j, k]),
         vague=tuple(itertools.compress(space.free, own_sds > VAGUE * surface.spread)),
         seconds=seconds,
         duration=time.perf_counter() - started,
@@ -236,7 +236,7 @@ def _starts(
 
 
 def _can_reach(surface: LogDensity, u: Array, records: Records, rival: float) -> bool:
-    """Return whether steps from `u (1, D)` reach log evidence `rival` if all gain as the first."""
+    """Return whether steps from `u (1, D)` reach log evidence `rival` if all gain like the first."""
     value = float(surface.value(u)[0])
     if not (math.isfinite(rival) and math.isfinite(value)):
         return True
@@ -274,7 +274,7 @@ def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
 def _hidden(
     likelihood: Likelihood, records: Records, theta: Array | None = None
 ) -> tuple[float, dict[tuple[str, str], Array]]:
-    """Return the log density of samples of the `records` that a candidate leaves out, and squares.
+    """Return the log density of samples of `records` that a candidate leaves out, and sums of squares.
 
     Densities refer to the numbers in the file, so that a change of a column's unit has no advantage.
     Samples at the beginning may show a rig that is held: one value with the noise at `theta (D,)`.
@@ -311,10 +311,10 @@ def _hidden(
 
 
 def _with_hidden(row: ResidualSummary, squares: Array | None) -> ResidualSummary:
-    """Return the row with shares of all samples; samples left out count as unexplained."""
+    """Return the row with its three ratios for all samples; those left out count as unexplained."""
     if squares is None:
         return row
     kept, hidden, total = squares.tolist()
-    shares = (row.share, row.simulated, row.ahead)
-    share, simulated, ahead = (math.sqrt((x**2 * kept + hidden) / total) for x in shares)
+    ratios = (row.share, row.simulated, row.ahead)
+    share, simulated, ahead = (math.sqrt((x**2 * kept + hidden) / total) for x in ratios)
     return dataclasses.replace(row, share=share, simulated=simulated, ahead=ahead)

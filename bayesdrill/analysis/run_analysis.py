@@ -122,8 +122,8 @@ class TorqueSummary:
     """A summary describes the missing torque of one experiment, N m.
 
     The expected torque is between `low` and `high` in 94 % of the samples, and `rms` is its root mean
-    square. `width` is the mean half-width of the band, and `sd` the mean sd of the draws. `sure` is
-    the share of samples with a sure sign, and `turning` that of samples at which the inertia turns.
+    square. `width` is the mean half-width of the draws' band, and `sd` their mean sd. `sure` is the
+    fraction of samples with a sure sign, `turning` that of samples at which the inertia turns.
     """
 
     label: str
@@ -225,7 +225,7 @@ def analyse(
 ) -> RunAnalysis:
     """Evaluate the `RunAnalysis` of a finished run, without sampling.
 
-    If the run `is_single` and not a candidate, missing effects are tried before the table is blamed.
+    If the run `is_single`, effects that the rig may lack are tried before the table is called wrong.
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior

@@ -27,7 +27,7 @@ from bayesdrill.record.regression import integral
 from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
 
 BITS = (12, 14, 16, 24, 32)  # usual numbers of bits of counters
-# Step divided by the period of a counter: larger steps are overflows, and smaller ones are motion.
+# Largest step by motion, divided by the period of a counter; larger steps are overflows.
 MAX_CALM_STEP = 0.4
 MIN_R_SQUARED = 0.98  # smallest R^2 of two columns that show one motion in different units
 MIN_UNIT_FACTOR = 1.5  # no sensor's error is as large as this factor
@@ -40,10 +40,10 @@ FACTORS = (
 )
 NEAR_FACTOR = 0.05  # tolerance of the log of a factor between two columns
 NEAR_START_FACTOR = 0.2  # the same tolerance for a channel and its prediction at the start values
-# Usual limit of measured / predicted size at the start values, or its inverse; factor of a wrong prefix.
+# Limit of measured / predicted size at the start, or of its inverse; then the factor of a wrong prefix.
 FAR_FROM_START, PREFIX = 20.0, 1000.0
-NEAR_MISFIT = 0.02  # mean square of residuals / that of the channel; predictions below are near
-# Largest sd of the log of a prior (two decades): the middle of a wider prior predicts nothing.
+NEAR_MISFIT = 0.02  # (rms of residuals / rms of channel)^2, below which a prediction is near
+# Largest sd of a prior's log (two decades), as the middle of a wider prior predicts nothing.
 MAX_LOG_SD = 1.5
 FEW, ALL = 3, 50  # numbers of positions of an anomaly in a report, and in the output of `check`
 
@@ -105,11 +105,11 @@ def suspicions_of_start(problem: Problem) -> Iterator[Finding]:
 def _far_from_start(problem: Problem) -> Iterator[Finding]:
     """Yield the channel whose size is farthest from the prediction at the start, with an explanation.
 
-    Each value of the rig is tried a thousand times as large and as small, as by a wrong prefix.
+    Each parameter of the rig is tried a thousand times larger and smaller, as with a wrong prefix.
     """
     tried, rows = _wrong_prefixes(problem)
-    # `left` is the misfit of each row, relative to channels; `sizes` are ratios measured / predicted.
-    left, sizes = np.zeros(len(rows)), list[tuple[float, str]]()
+    # `misfits` sums (rms residual / rms channel)^2; `sizes` are ratios measured / predicted.
+    misfits, sizes = np.zeros(len(rows)), list[tuple[float, str]]()
     with np.errstate(all="ignore"):
         for each in problem.observations:
             signals = each.signals(rows)
@@ -119,21 +119,21 @@ def _far_from_start(problem: Problem) -> Iterator[Finding]:
                 ratio = math.sqrt(power / max(float(np.nanmean(signals[0, :, k] ** 2)), 1e-300))
                 sizes.append((ratio, channel.name))
                 misfit = np.nanmean((signals[:, :, k] - y) ** 2, axis=1)
-                left += np.where(np.isfinite(misfit), misfit, np.inf) / max(power, 1e-300)
+                misfits += np.where(np.isfinite(misfit), misfit, np.inf) / max(power, 1e-300)
     times, name = max(sizes, key=lambda size: abs(math.log(max(size[0], 1e-300))))
-    best, near = int(np.argmin(left)), NEAR_MISFIT * len(sizes)
-    far = not 1 / FAR_FROM_START < times < FAR_FROM_START
-    mended = best > 0 and (left[best] < near < MIN_LEFT * len(sizes) < left[0])
-    if not (far or mended):
+    best, limit = int(np.argmin(misfits)), NEAR_MISFIT * len(sizes)
+    is_far = not 1 / FAR_FROM_START < times < FAR_FROM_START
+    is_explained = best > 0 and (misfits[best] < limit < MIN_LEFT * len(sizes) < misfits[0])
+    if not (is_far or is_explained):
         return
-    names = {"channel": name if far else "", "value": "", "factor": ""}
-    if mended or left[best] < MIN_LEFT * len(sizes):
+    names = {"channel": name if is_far else "", "value": "", "factor": ""}
+    if is_explained or misfits[best] < MIN_LEFT * len(sizes):
         names |= {"value": tried[best][0], "factor": f"{tried[best][1]:g}"}
     yield Finding("size against the start", names, {"times": times})
 
 
 def _wrong_prefixes(problem: Problem) -> tuple[list[tuple[str, float]], Array]:
-    """Return pairs (name, factor) and the parameters `(n, P)` changed by each, with the start first."""
+    """Return pairs (name, factor), the unchanged start first, and the parameters `(n, P)` of each."""
     space = problem.posterior.space
     start = space.vector(space.start)
     full = space.full(start[None])[0]
@@ -203,7 +203,7 @@ def _pairs(experiment: Experiment, model: Model) -> Iterator[Finding]:
 
 
 def _ratio(angle: Channel, speed: Channel, speeds: Mapping[str, str]) -> float | None:
-    """Return the factor from the speed's motion to the angle's; None if they are not of one part."""
+    """Return the factor from the speed's motion to the angle's; None if they are of different parts."""
     turned = {speeds.get(name, name): x for name, x in angle.weights.items() if x}
     moved = {name: x for name, x in speed.weights.items() if x}
     angles = all(name in speeds for name, x in angle.weights.items() if x)
@@ -232,7 +232,7 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
     return (across / float(x @ x), across**2 / size) if size > 0 else (math.nan, 0.0)
 
 
-MIN_LEFT = 0.3  # smallest unexplained share of a channel that the model does not fit
+MIN_LEFT = 0.3  # smallest unexplained fraction of a channel that the model does not fit
 MIN_FOLLOWED = 0.95  # smallest R^2 of the regression of a channel on an input that it follows
 MAX_FOLLOWING = 20  # largest lag of such a channel behind the input, in samples
 
@@ -240,7 +240,7 @@ MAX_FOLLOWING = 20  # largest lag of such a channel behind the input, in samples
 def find_reference(
     problem: Problem, residuals: Sequence[ResidualSummary]
 ) -> tuple[str, str] | None:
-    """Return an input that is a set point, and an angle that follows it in the record, not the model."""
+    """Return an input that is a set point, and an angle that follows this input only in the record."""
     shares = {(row.experiment, row.channel): row.share for row in residuals}
     goals = {motor.goal for motor in problem.model.roles.motors}
     for observation in problem.observations:
@@ -263,7 +263,7 @@ MIN_SHIFT_SDS = 0.5  # smallest shift of an unknown, in sds, that is reported
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputTiming:
-    """Inputs that came `seconds` later would move unknowns of the rig by these `shifts`, in sds."""
+    """If inputs came `seconds` later, estimates of unknowns would move by these `shifts`, in sds."""
 
     seconds: float
     shifts: tuple[tuple[str, float], ...]
@@ -280,7 +280,7 @@ class InputTiming:
 
 
 def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTiming | None:
-    """Return the shifts at `theta (D,)` by inputs half a sample later.
+    """Return the shifts at `theta (D,)` that inputs half a sample later would cause.
 
     The result is None if lags are unknowns, or if no input acts.
     """

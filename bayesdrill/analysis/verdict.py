@@ -1,4 +1,4 @@
-"""Judge nominal values that the record determines by their distance from the posterior.
+"""Judge nominal values by their distance from the posterior, if the record determines them.
 
 Everything is in logs of the unknowns.  Quantities are the parameters, and a maximal set of
 independent products of their powers that no exact symmetry changes.
@@ -44,7 +44,7 @@ def tension(logs: Array, low: float, high: float) -> float:
     """Return sigmas between draws `logs (N,)` and the nearest value from `low` to `high`.
 
     The two-sided tail probability of that value is converted to sigmas of a normal distribution.  If
-    too few draws lie beyond the value, a normal tail is assumed, with the largest sd by quantiles.
+    too few draws lie beyond the value, a normal tail is assumed, with the larger of two sds.
     """
     middle = float(np.median(logs))
     value = min(max(middle, low), high)
@@ -66,7 +66,7 @@ def tension(logs: Array, low: float, high: float) -> float:
 def joint_tension(logs: Array, powers: Array, limits: Array) -> float:
     """Return sigmas between draws `logs (N, K)` of products and the nearest point within tolerance.
 
-    Factors have `powers (K, m)` and tolerances `limits (m, 2)`.  The share of draws with a larger
+    Factors have `powers (K, m)` and tolerances `limits (m, 2)`.  The fraction of draws with a larger
     Mahalanobis distance, or the tail of chi-squared if these are few, is converted to sigmas.
     """
     centre, scale = logs.mean(axis=0), logs.std(axis=0)
@@ -115,7 +115,7 @@ Says = Literal[
 JUDGED: tuple[Says, ...] = ("agrees", "disagrees", "in doubt")
 
 FALSE_ALARM = 0.01  # probability of any "disagrees" about a rig that agrees with its table
-# Priors determine a product that a symmetry changes if its sd is below this share of the prior sd.
+# Priors determine a product that a symmetry changes, if posterior sd / prior sd is below this limit.
 MAX_BLIND_SD_RATIO = 0.25
 # A prior may end at the nominal value of its unknown. Quantities that explain a larger fraction of the
 # variance of this unknown are not judged. In simulations, false alarms are as rare as without ends.
@@ -181,12 +181,12 @@ class Verdict:
 
     @property
     def undetermined(self) -> tuple[Quantity, ...]:
-        """Return the quantities that this record leaves open, and that a better one could show."""
+        """Return the quantities that this record leaves open, and that a better record could show."""
         return tuple(q for q in self.saying("not determined") if not q.blind)
 
     @property
     def far(self) -> tuple[Quantity, ...]:
-        """Return quantities farther from the table than by chance, even if the model is in doubt."""
+        """Return quantities too far from the table for chance, even if the model is in doubt."""
         return (*self.saying("disagrees"), *self.saying("in doubt"))
 
     @property
@@ -282,7 +282,7 @@ def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponent
 class _TableComparison:
     """Logs of draw / nominal value are compared with `limits (m, 2)` of tolerances.
 
-    Draws are `at_end (m,)` against an end of the prior, or `at_nominal (m,)` at the nominal value.
+    Flags mark draws pressed against an end, `at_end (m,)`, or cut off at the table, `at_nominal (m,)`.
     """
 
     study: IdentifiabilityStudy

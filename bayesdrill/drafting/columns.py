@@ -19,7 +19,7 @@ from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.output_files import MOST_GUESSED
 from bayesdrill.record.formats.table import RecordTable
 
-MAX_LETTERS = 200  # of a header or a unit; a longer text is not interpreted
+MAX_LETTERS = 200  # largest length of a header or a unit; a longer text is not interpreted
 ROTOR, GEARBOX, MOTOR, TWIST = "rotor 1", "gearbox", "motor", "twist"
 
 # Lower-case spellings of units in headers, by kind and unit; the first unit of a kind is in SI.
@@ -94,7 +94,7 @@ class Meaning:
     location: str = ""
     unit: str = ""
     is_setpoint: bool = False  # a controller's set point, not a measurement
-    unknown_unit: str = ""  # text where the header has its unit, if no such unit is known
+    unknown_unit: str = ""  # text in the position of a unit, if no such unit is known
     symbol: str = ""  # symbol of a state or input, if the header is one
     kind_word: str = ""  # the word that shows the kind
     is_reversed: bool = False  # the column is the state times -1
@@ -194,7 +194,7 @@ def _tokens(text: str) -> list[str]:
 
 
 def _split_last_unit(tokens: list[str]) -> tuple[list[str], str]:
-    """Split a unit from `phi_deg`, `w_rad_s` or `U_V`; one letter must fit the name's kind."""
+    """Split a unit from `phi_deg`, `w_rad_s` or `U_V`; a unit of one letter must fit the kind."""
     if len(tokens) < 2:
         return tokens, ""
     *others, last = tokens
@@ -423,7 +423,7 @@ def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None
 
 
 def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -> None:
-    """Raise `InputError` if several structures with a time are not named after signals."""
+    """Raise `InputError` if several structures have a time, and names that are not those of signals."""
     columns = [column for column in columns if len(column.values) >= MIN_SAMPLES]
     times = dict.fromkeys(_structure(c) for c in columns if c.meaning.kind == "time")
     records = [name for name in times if name and parse_head(name).kind in ("", "time")]

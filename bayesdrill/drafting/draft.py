@@ -32,7 +32,7 @@ from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.roles import GEAR_POWERS
 from bayesdrill.rig.models.train import LINEAR
 
-SAME_CONSTANT = 0.02  # relative difference of constants that may be one value, rounded in a sheet
+SAME_CONSTANT = 0.02  # largest relative difference of two constants that count as equal
 SHEET_SD = 1.0  # prior sd of the logarithm of a parameter in a data sheet
 MAX_UNUSED = 20  # largest number of lines on unused columns in the terminal
 
@@ -90,12 +90,12 @@ def config_text(
 
 def _initial(start: StartGuess) -> list[str]:
     end = start.rest_end
-    rest = [] if math.isnan(end) else comment(f"Nothing moves before {end:.6g} s.")
+    still = [] if math.isnan(end) else comment(f"Nothing moves before {end:.6g} s.")
     if start.initial:
-        return [*rest, *review(start.doubts, 0), f"initial: {start.initial}"]
+        return [*still, *review(start.doubts, 0), f"initial: {start.initial}"]
     where = " where the window begins" if start.window else ""
     what = "At rest" if start.zero_sds else "At rest, at angle zero"
-    return [*rest, *comment(f"{what}{where}, so `initial:` is not needed")]
+    return [*still, *comment(f"{what}{where}, so `initial:` is not needed")]
 
 
 def _experiments(context: DraftContext) -> list[str]:
@@ -220,26 +220,25 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
     known = ", ".join(f"{value:.3g} {unit}" for unit, value in sizes.items() if value)
     v, w = voltage or DEFAULT_VOLTAGE, speed or DEFAULT_SPEED
     r, k = v / current if current else DEFAULT_RESISTANCE, v / w
-    far = 1.0 if train is None and (torque or (voltage and current)) else WIDENING
-    more = (
-        "" if far == 1 else f", and {WIDENING:g} times more for resistances, torques and inertias"
-    )
+    widening = 1.0 if train is None and (torque or (voltage and current)) else WIDENING
+    more = f", and {WIDENING:g} times more for resistances, torques and inertias"
+    more = "" if widening == 1 else more
     torque = torque or k * v / r
     j = torque / w
     ends = {
         "V*s/rad": (0.01 * k, 3 * k),
         "N*m/A": (0.01 * k, 10 * k),
-        "ohm": (0.03 * r / far, 3 * r * far),
-        "H": (1e-5 * r / far, 0.03 * r * far),  # time constants L/R [s]
-        "N*m": (1e-4 * torque / far, torque * far),
-        "N*m*s/rad": (1e-5 * j / far, 3 * j * far),
-        "N*m/rad": (0.03 * torque / far, 1e3 * torque * far),
-        "kg*m**2": (0.1 * j * dt / far, j * duration * far),
+        "ohm": (0.03 * r / widening, 3 * r * widening),
+        "H": (1e-5 * r / widening, 0.03 * r * widening),  # time constants L/R [s]
+        "N*m": (1e-4 * torque / widening, torque * widening),
+        "N*m*s/rad": (1e-5 * j / widening, 3 * j * widening),
+        "N*m/rad": (0.03 * torque / widening, 1e3 * torque * widening),
+        "kg*m**2": (0.1 * j * dt / widening, j * duration * widening),
         "rad/s": (1e-3 * w, w),
         "V": (1e-3 * v, v),
     }
     if train is not None:  # periods from about one step to the whole record
-        ends["N*m/rad"] = (1e-2 * j / duration**2, far * j / dt**2)
+        ends["N*m/rad"] = (1e-2 * j / duration**2, widening * j / dt**2)
     ends |= {LINEAR[unit]: pair for unit, pair in ends.items() if unit in LINEAR}
     return ends, (
         f"reach as far as the largest values of the record allow ({known}){more}. "

@@ -30,7 +30,7 @@ _YAML_WORDS = {"yes", "no", "on", "off", "true", "false", "null", "y", "n"}
 NOISE_PRIOR_FACTOR = 10.0  # sigma's prior extends from noise / factor to noise * factor
 SUPPLY_SD = 0.02  # prior sd of a voltage's offset, relative to the largest voltage
 MAX_NAMED_GLITCHES = 8  # largest number of glitches whose times a comment lists
-HOUSE_INPUTS = ("v", "t_m", "w_2", "t_1")  # of the built-in rigs, in the order of a draft
+HOUSE_INPUTS = ("v", "t_m", "w_2", "t_1")  # inputs of built-in rigs, in the order of a draft
 ASKED_VOLTAGE = "  # v: 8.0"  # the user replaces this line
 
 

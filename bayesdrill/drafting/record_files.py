@@ -38,7 +38,7 @@ class GivenFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordFile:
-    """A record file is a file with identified columns; its `companions` complete the record."""
+    """A record file is a file with identified columns; files in `companions` complete the record."""
 
     path: Path
     columns: Sequence[FileColumn]
@@ -290,7 +290,7 @@ LABEL_PREFIX = "run"
 
 
 def experiment_labels(paths: Sequence[Path]) -> list[str]:
-    """Return a label for each path: the shortest part of its name that is unique, as an identifier."""
+    """Return a label for each path: its words without those with which all paths begin or end."""
     tokens = [[*filter(None, _split(path.with_suffix("").as_posix()))] for path in paths]
     first = _common_length(tokens)
     shortest, ends = min(map(len, tokens)), [words[::-1] for words in tokens]

@@ -41,7 +41,7 @@ class StartGuess:
 def guess_start(
     roles: SensorRoles, segment: Segment, *, measured: bool, inputs_begin: float | None = None
 ) -> StartGuess:
-    """Guess how the segment begins; `inputs_begin` [s] is the first time of `measured` inputs."""
+    """Guess how the segment begins; inputs that are `measured` begin at `inputs_begin` [s]."""
     t = segment.t
     begin, why, time = None, "", None
     if segment.is_cut:
@@ -49,7 +49,7 @@ def guess_start(
     if measured and inputs_begin is not None and inputs_begin > t[0]:
         t = t[t >= inputs_begin]
         begin, why = float(t[0]), "the window begins at the first sample of the inputs"
-    moving, rest = _is_moving(roles), _onset(roles)
+    moving, onset = _is_moving(roles), _onset(roles)
     dead, max_delay = _dead_time(roles) if measured else (0, 1.0)
     if roles.train is not None:
         free, reason = (
@@ -57,11 +57,11 @@ def guess_start(
             "the record need not begin at rest: the start is unknown",
         )
         window = _window(begin, t)
-        return StartGuess(free, True, window, {}, max_delay, dead, rest, why, (reason,))
+        return StartGuess(free, True, window, {}, max_delay, dead, onset, why, (reason,))
     driven = measured or "v" in roles.rig.inputs  # a voltage without a column is constant
-    if not (measured or moving or math.isnan(rest)):
+    if not (measured or moving or math.isnan(onset)):
         max_delay = 3.0
-        begin, why = _release(float(t[0]), rest, segment.dt, driven=driven)
+        begin, why = _release(float(t[0]), onset, segment.dt, driven=driven)
     elif begin is None and driven and not measured:
         begin, why, time = _switching_on(t, segment.dt)
     doubts = [] if time is None else [f"the start is taken at the first sample, {t[0]:.6g} s"]
@@ -79,7 +79,7 @@ def guess_start(
         time = float(t[0])
     initial, zeros = _initial(roles, state, time), {} if state else _zeros(roles)
     return StartGuess(
-        initial, bool(state), _window(begin, t), zeros, max_delay, dead, rest, why, tuple(doubts)
+        initial, bool(state), _window(begin, t), zeros, max_delay, dead, onset, why, tuple(doubts)
     )
 
 
@@ -129,7 +129,7 @@ def _initial(roles: SensorRoles, state: str, time: float | None) -> str:
 
 
 def _begins_steadily(roles: SensorRoles) -> bool:
-    """Return whether at first angles are linear, and voltage and other channels are constant."""
+    """Return whether angles grow linearly at first, and voltage and other channels are constant."""
     v = roles.v
     if v is None or not np.ptp(v.values[:STEADY_SAMPLES]) <= 0.01 * np.ptp(v.values):
         return False
@@ -152,7 +152,7 @@ def _start_angle(roles: SensorRoles, state: str) -> str:
 
 
 def _is_moving(roles: SensorRoles) -> bool:
-    """Return whether a speed is clearly not zero at first; if no speed is known, an angle grows."""
+    """Return whether a speed is clearly not zero at first or, without speeds, whether an angle grows."""
     turning = [c.sensor for c in roles.channels if c.sensor.kind in TURNS and not c.derived]
     if speeds := [sensor for sensor in turning if sensor.kind == "speed"]:
         return any(_first_value(sensor)[1] for sensor in speeds)

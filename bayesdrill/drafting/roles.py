@@ -72,7 +72,7 @@ class SensorRoles:
 def assign_roles(
     sensors: Sequence[Sensor], dt: float, rig: Model, gear: float | None, *, voltage: bool
 ) -> SensorRoles:
-    """Assign sensors with step `dt` [s] to a rig; `voltage`: if a constant voltage is given."""
+    """Assign sensors with step `dt` [s] to a rig; `voltage` flags a given constant voltage."""
     unused: dict[str, str] = {}
     turning = _with_locations([sensor for sensor in sensors if sensor.kind in TURNS])
     ratio, sources = _gear_ratio(turning, dt)
@@ -178,7 +178,7 @@ def _first_sensor(sensors: Sequence[Sensor], what: str, unused: dict[str, str]) 
 
 
 def _with_locations(turning: Sequence[Sensor]) -> list[Sensor]:
-    """Return sensors, with the first unlocated one of each kind at a free end or the gearbox."""
+    """Return the sensors; the first unlocated one of each kind gets a free end or the gearbox."""
     located = {sensor.location for sensor in turning}
     rotor, upper, twist = ROTOR in located, bool(located & {GEARBOX, MOTOR}), TWIST in located
     if rotor and upper:
@@ -202,8 +202,8 @@ def _gear_ratio(turning: Sequence[Sensor], dt: float) -> tuple[float, str]:
         for end in sorted(ends, key=lambda end: end.kind != motor.kind):
             value = _ratio(motor, end, dt)
             if abs(value) > 1.2:
-                near = round(value)
-                value = float(near) if abs(value / near - 1) < 0.02 else float(f"{value:.4g}")
+                nearest = round(value)
+                value = float(nearest) if abs(value / nearest - 1) < 0.02 else float(f"{value:.4g}")
                 return value, f"{motor.name} and {end.name}"
     return math.nan, ""
 
@@ -254,9 +254,9 @@ def mark_differenced(
         if angle in channels and speed in channels:
             first, second = channels[angle].sensor, channels[speed].sensor
             t, rows, others = np.intersect1d(first.raw.t, second.raw.t, return_indices=True)
-            whole = len(t) > 0.99 * len(first.values)  # apart from glitches, which were removed
-            alike = whole and anomalies.differenced(first.si, second.si, dt)
-            if alike or signals.differenced(first.raw.x[rows], second.raw.x[others], t):
+            is_complete = len(t) > 0.99 * len(first.values)  # except glitches, which were removed
+            computed = is_complete and anomalies.differenced(first.si, second.si, dt)
+            if computed or signals.differenced(first.raw.x[rows], second.raw.x[others], t):
                 channels[speed] = dataclasses.replace(channels[speed], derived=angle)
 
 
@@ -310,9 +310,9 @@ def _lag_of_pair(
             break
         unexplained = _twist_law(first.sensor, second.sensor, width, gear, dt)
         steps = range(-MAX_SHIFT * SHIFTS_PER_SAMPLE, MAX_SHIFT * SHIFTS_PER_SAMPLE + 1)
-        shares = {k / SHIFTS_PER_SAMPLE: unexplained(k / SHIFTS_PER_SAMPLE) for k in steps}
-        shift = min(shares, key=lambda shift: shares[shift])
-        trials.append((shares[shift], shift, shares[0.0]))
+        residuals = {k / SHIFTS_PER_SAMPLE: unexplained(k / SHIFTS_PER_SAMPLE) for k in steps}
+        shift = min(residuals, key=lambda shift: residuals[shift])
+        trials.append((residuals[shift], shift, residuals[0.0]))
     if not trials:
         return None
     after, samples, before = min(trials, key=lambda trial: trial[0])
@@ -344,7 +344,7 @@ def _twist_law(
             twist, rotor = shifted[0], other if second.location == ROTOR else other + shifted
         _, speed, acceleration = rotor
         causes = [acceleration, speed, np.sign(speed), k[inner]]
-        factors, share = signals.explained(twist, *causes)
-        return 1 - share if factors[0] < 0 else 1.0  # a spring has twist = -J/k * acceleration
+        factors, fraction = signals.explained(twist, *causes)
+        return 1 - fraction if factors[0] < 0 else 1.0  # a spring has twist = -J/k * acceleration
 
     return unexplained

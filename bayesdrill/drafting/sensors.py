@@ -26,7 +26,7 @@ FAST_SPEED = 60.0  # speeds above it are hardly in rad/s, and angles with such r
 MIN_GEAR = 0.8  # motor turns per shaft turn; a smaller ratio shows a wrong unit
 SUPPLY_RIPPLE = 0.1  # relative range below which a voltage is a nearly constant supply
 SPEED_SAMPLES = 10  # number of steps over which the speed of an angle is computed
-NAMELESS_SHARE = 0.999  # fraction of variance that is to be explained if a kind is unknown
+NAMELESS_SHARE = 0.999  # least fraction of variance to be explained if a kind is unknown
 RPM_WORDS = ("n", "rpm", "drehzahl", "rotacao", "upm")
 RADIAN_WORDS = ("w", "omega", "w1", "w2", "wm")
 
@@ -39,7 +39,7 @@ def identify_sensors(
     dt = segment.dt
     sensors = _by_twist(_by_derivative(drafts, dt), dt)
     known: list[Sensor] = []
-    for sensor in sorted(sensors, key=lambda s: s.location == MOTOR):  # motors last, due to gears
+    for sensor in sorted(sensors, key=lambda s: s.location == MOTOR):  # motors last: they are fast
         if sensor.kind:
             known.append(_with_unit(sensor, [*sensors, *known], dt))
         else:
@@ -77,8 +77,8 @@ def infer_rate(columns: Sequence[FileColumn]) -> float:
         unit = meaning.unit or (SI[meaning.kind] if meaning.symbol else "")
         if meaning.kind in TURNS and unit and np.isfinite(x).all() and signals.is_plausible(x):
             known.append(Sensor(column, x, meaning.kind, meaning.location, unit, raw))
-    for _, _, factor, share in _derivatives(known, [sensor.si for sensor in known], 1.0):
-        if share > signals.EXPLAINED_SHARE and factor > 0:
+    for _, _, factor, fraction in _derivatives(known, [sensor.si for sensor in known], 1.0):
+        if fraction > signals.EXPLAINED_SHARE and factor > 0:
             return float(f"{1 / factor:.3g}")
     return 0.0
 
@@ -110,9 +110,9 @@ def _by_derivative(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
     """Return the sensors; if a speed is the derivative of an angle, both of them get units."""
     revised = {id(sensor): sensor for sensor in sensors}
     trials = []
-    for angle, speed, factor, share in _derivatives(sensors, [s.values for s in sensors], dt):
-        if share > (signals.EXPLAINED_SHARE if angle.kind and speed.kind else NAMELESS_SHARE):
-            trials.append((not _same_location(angle, speed), -share, angle, speed, factor))
+    for angle, speed, factor, fraction in _derivatives(sensors, [s.values for s in sensors], dt):
+        if fraction > (signals.EXPLAINED_SHARE if angle.kind and speed.kind else NAMELESS_SHARE):
+            trials.append((not _same_location(angle, speed), -fraction, angle, speed, factor))
     paired: set[int] = set()
     for *_, angle, speed, factor in sorted(trials, key=lambda trial: trial[:2]):
         if paired.isdisjoint({id(angle), id(speed)}) and (pair := _resolve(angle, speed, factor)):
@@ -177,9 +177,9 @@ def _by_twist(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
         return list(sensors)
     twist, rotor, other = twists[0], rotors[0], others[0]
     causes = [integral(speed.values, dt) for speed in (rotor, other)]
-    (factor, _), share = signals.explained(twist.values, *causes)
+    (factor, _), fraction = signals.explained(twist.values, *causes)
     fitting = signals.units_by_factor(factor, twist.unit, rotor.unit)
-    if share < 0.8 or not fitting or (len(fitting) > 1 and not (twist.unit or rotor.unit)):
+    if fraction < 0.8 or not fitting or (len(fitting) > 1 and not (twist.unit or rotor.unit)):
         return list(sensors)
     doubt = f"no unit is stated; the derivative of {twist.name} is {factor:.3g} times {rotor.name}"
     doubt += f" minus a part of {other.name}, as in {fitting[0][0]} and {fitting[0][1]}"

@@ -21,7 +21,7 @@ from bayesdrill.record.regression import integral, linear_fit
 TYPICAL_RATE = 300.0  # Hz; the geometric centre of usual sampling rates
 GIVEN_REASON = "as `--columns` says"
 REVERSAL_RATIO, CLEAR_REVERSAL_RATIO = 0.1, 0.3  # smaller / larger extent about zero
-MAX_DEAD_SAMPLES, N_PAST, MAX_ROWS = 10, 3, 20_000  # largest delay, past samples, rows to use
+MAX_DEAD_SAMPLES, N_PAST, MAX_ROWS = 10, 3, 20_000  # largest delay; past samples; rows to use
 STRIDES, MIN_BLOCKS = (1, 2, 4, 8), 100  # samples per block mean, least number of blocks
 MAX_RESIDUAL_RATIO = 0.64  # largest ratio of residual variances with and without a delay
 
@@ -48,7 +48,7 @@ class Timing:
 
 
 def find_time(columns: Sequence[FileColumn], rate: float = 0.0, given: float = 0.0) -> Timing:
-    """Return the timing from the first known of `given` [Hz], time column, `rate` [Hz], 100 Hz."""
+    """Return the timing by what is known first: `given` [Hz], a time column, `rate` [Hz], or 100 Hz."""
     indices = np.arange(len(columns[0].values))
     if given:
         return Timing(indices / given, None, "s", "as given")
@@ -133,8 +133,8 @@ def _unambiguous_rows(t: Array, rows: slice) -> slice:
     before = np.searchsorted(others, inner - slack)
     after = np.searchsorted(others, inner + slack, "right")
     free = after == before  # NaN sorts to the end
-    stretch = _longest_run(free[1:] & free[:-1] & (before[1:] == before[:-1]))
-    return slice(rows.start + stretch.start, rows.start + stretch.stop)
+    part = _longest_run(free[1:] & free[:-1] & (before[1:] == before[:-1]))
+    return slice(rows.start + part.start, rows.start + part.stop)
 
 
 def _longest_run(joined: Flags) -> slice:
@@ -252,7 +252,7 @@ def noise(values: Array) -> float:
 
 TURNS = ("angle", "speed")  # kinds of sensors that show a rotation
 TURN = {"deg": 360.0, "rad": 2 * math.pi, "revolution": 1.0}
-COUNTER_BITS = (12, 14, 16, 24, 32)  # of encoder counters that may overflow
+COUNTER_BITS = (12, 14, 16, 24, 32)  # numbers of bits of encoder counters that may overflow
 WRAPPED_SHARE = 0.9  # smallest range of a wrapped angle, in periods
 WRAPPED_STEP = 4.0  # largest unwrapped step at a wrap, relative to the typical step
 
@@ -333,7 +333,7 @@ MAX_DEPARTURE = 1.5  # largest departure of another channel during a glitch / ty
 
 
 def _without_swings(sensor: Sensor, others: Sequence[Sensor], segment: Segment) -> Sensor:
-    """Return the sensor; a long glitch is deleted from its list if another channel departs, too."""
+    """Return the sensor; a long glitch stays in `glitches` only if no other channel departs then."""
     channels = [o.values for o in others if o is not sensor and o.kind in (*TURNS, "current")]
 
     def alone(begin: float, end: float) -> bool:
@@ -391,12 +391,12 @@ def _wrap_period(x: Array, unit: str) -> tuple[float, str]:
         periods = [(count, unit) for count in counts]
     steps = np.abs(np.diff(x))
     for period, name in periods:
-        far = steps > 0.5 * period
-        if not far.any() or not WRAPPED_SHARE * period < np.ptp(x) < 1.001 * period:
+        wrapped = steps > 0.5 * period
+        if not wrapped.any() or not WRAPPED_SHARE * period < np.ptp(x) < 1.001 * period:
             continue
         unwrapped = np.abs(np.diff(anomalies.unwrap(x, period)[0]))
-        typical = float(np.quantile(unwrapped[~far], 0.99)) if (~far).any() else math.inf
-        smooth = np.all(unwrapped[far] <= WRAPPED_STEP * typical)
+        typical = float(np.quantile(unwrapped[~wrapped], 0.99)) if (~wrapped).any() else math.inf
+        smooth = np.all(unwrapped[wrapped] <= WRAPPED_STEP * typical)
         if smooth and not len(anomalies.ambiguous(x, period)):
             return period, name
     return 0.0, ""

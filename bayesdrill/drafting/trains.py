@@ -107,9 +107,9 @@ def _inputs(
     for letter, sensor in itertools.product(("goal", "supply"), sensors):
         if _is_called(letter, sensor):
             name = sensor.column.meaning.symbol
-            usual = round(float(np.median(sensor.si)), 2)
+            typical = round(float(np.median(sensor.si)), 2)
             drives[name.removeprefix(f"{letter}_")] = (
-                "servo" if letter == "goal" else {"servo": usual}
+                "servo" if letter == "goal" else {"servo": typical}
             )
             inputs[name] = sensor
     order = [*DRIVES]

@@ -28,7 +28,7 @@ POINTS = 256  # number of points about a maximum at which the compression has to
 POINT_SDS = (8.0, 3.0, 1.0)  # draw k of the points has POINT_SDS[k % 3] times the posterior sd
 # Directions with a larger posterior sd are hardly determined: no points are spread along them.
 MAX_SPREAD = 0.05
-DEPTH = 40.0  # in log density: a maximum this far below the highest has no mass
+DEPTH = 40.0  # a maximum whose log density is this far below the highest has negligible mass
 
 Compressions = Mapping[str, Compression]  # keys are labels of observations
 
@@ -91,7 +91,7 @@ def longer_excerpt(
 ) -> Posterior | None:
     """Return an excerpt longer than `previous`, or None.
 
-    None means that no record is longer, or that compressions of all long records are `compressions`.
+    None means that no record is longer, or that `compressions` includes all long records.
     """
     pairs = zip(posterior.likelihood.observations, previous.likelihood.observations, strict=True)
     parts = [part for each, part in pairs if is_long(each) and each.label not in compressions]
@@ -107,7 +107,7 @@ def first_samples(observation: Observation, samples: int) -> Observation:
 
 
 def points_about(posterior: Posterior, maxima: Array) -> Array:
-    """Return physical points `(n, D)` about maxima `(M, D)`, with sds of up to 8 posterior sds."""
+    """Return physical points `(n, D)` about maxima `(M, D)`, spread by up to 8 posterior sds."""
     parts = []
     for theta in maxima:
         u, rng = posterior.coordinates.from_physical(theta[None]), np.random.default_rng(0)

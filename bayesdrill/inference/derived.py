@@ -25,7 +25,7 @@ from bayesdrill.rig.steady_state import angle_indices, equilibrium, fix_rotation
 HDI_PROBABILITY = 0.94
 _N_PRIOR_DRAWS = 1000  # number of draws from the priors at which formulas are tried
 _LARGEST = 1e150  # a larger value is refused, since its square may overflow in the sd
-# A pole pair this many times faster than the slowest pair vibrates inside a part: it is not shown.
+# A pair of poles faster than the slowest pair by this factor vibrates inside a part, and is not shown.
 _MAX_FREQUENCY_RATIO = 100.0
 # Poles with a smaller relative imaginary part count as real: rounding splits a double pole.
 _REAL_POLE_TOLERANCE = 1e-7
@@ -93,7 +93,7 @@ def with_products(
 ) -> Derived:
     """Add products of powers of the first unknowns at draws `(E, N, D)`, such as `k_s_over_j_1`."""
     symbols_by_name = {symbol.name: symbol for symbol in problem.symbols}
-    described_, columns, nominal = list(derived.symbols), [derived.values], dict(derived.nominal)
+    all_symbols, columns, nominal = list(derived.symbols), [derived.values], dict(derived.nominal)
     for powers in exponents:
         names = list(problem.names[: len(powers)])
         factors = [(symbols_by_name[n], e) for n, e in zip(names, powers, strict=True) if e]
@@ -105,13 +105,13 @@ def with_products(
         unit = unit_product([n.unit for n, _ in factors], [e for _, e in factors])
         latex = product_latex(powers, problem.symbols)
         meaning = "a product of powers that no exact symmetry changes"
-        described_.append(Symbol(name, unit, latex, "SI", meaning))
+        all_symbols.append(Symbol(name, unit, latex, "SI", meaning))
         logs = np.log(draws[..., : len(powers)]) @ np.array(powers, dtype=float)
         columns.append(np.exp(logs)[..., None])
         values = [problem.nominal.get(n.name, np.nan) ** e for n, e in factors]
         nominal[name] = float(np.prod(values))
     values_of_all = np.concatenate(columns, axis=-1)
-    return Derived(symbols=tuple(described_), values=values_of_all, nominal=nominal)
+    return Derived(symbols=tuple(all_symbols), values=values_of_all, nominal=nominal)
 
 
 def product_name(names: Sequence[str], exponents: Sequence[int]) -> str:

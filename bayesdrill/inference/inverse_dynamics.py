@@ -86,7 +86,7 @@ def _motion(observation: Observation) -> Callable[[Array], Array] | None:
         return None
     states = {name: _midpoints(x) for name, x in measured.items()}
     bumps, slopes = _bumps(t)
-    left = {row: -slopes @ states[row] for row in model.states if row not in kinematics}
+    left_sides = {row: -slopes @ states[row] for row in model.states if row not in kinematics}
 
     def misfits(full: Array) -> Array:
         p = {name: float(x[0]) for name, x in observation.rig_parameters(full).items()}
@@ -108,7 +108,7 @@ def _motion(observation: Observation) -> Callable[[Array], Array] | None:
         for (row, name), factor in (*linear.A.items(), *linear.B.items()):
             rates[row] = rates.get(row, 0.0) + factor * acting[name]
         parts = []
-        for row, lhs in left.items():
+        for row, lhs in left_sides.items():
             size = max(float(np.linalg.norm(lhs)), np.finfo(float).tiny)
             parts.append((lhs - bumps @ rates[row]) / size)
         return np.concatenate(parts)

@@ -156,7 +156,7 @@ def matrix_root(matrix: Array) -> Array:
 
 
 N_QUANTILES = 200  # number of quantiles from which mean and spread of a prior are computed
-END_MARGIN = 1e-9  # distance from the ends of a prior, in its spreads; rounding errors are smaller
+END_MARGIN = 1e-9  # distance from a prior's ends / its spread; rounding errors are smaller
 TAIL_MASS = 1e-9  # prior probability beyond the end of a search, if the prior has no end
 
 
@@ -197,8 +197,8 @@ class LogDensity:
         self._priors = tuple(posterior.space.priors.values())
         bounds = np.array([_search_limits(unknown) for unknown in posterior.space.unknowns]).T
         low, high = posterior.coordinates.from_physical(bounds)
-        shares = (np.arange(N_QUANTILES) + 0.5) / N_QUANTILES
-        quantiles = np.stack([prior.quantile(shares) for prior in self._priors], axis=-1)
+        probabilities = (np.arange(N_QUANTILES) + 0.5) / N_QUANTILES
+        quantiles = np.stack([prior.quantile(probabilities) for prior in self._priors], axis=-1)
         # A coordinate that is a log needs a positive number.
         floor = [-np.inf if unknown.signed else 1e-300 for unknown in posterior.space.unknowns]
         typical = posterior.coordinates.from_physical(np.maximum(quantiles, floor))

@@ -35,7 +35,7 @@ from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
-MAX_SLOPE_BYTES = 6e7  # upper limit of the memory of slopes that are computed at a time
+MAX_SLOPE_BYTES = 6e7  # upper limit [bytes] of the memory for slopes that are computed together
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -307,7 +307,7 @@ class LatentTorqueObservation(Observation):
 
     The `noise` of the sensors is white.  `process` has a number or an unknown for `SIZE` and `TIME`
     of the torque.  Arguments of the kernels `(W, n + P)` are the n unknowns of noise and torque, and
-    the P parameters of the simulator.  If not None, `fixed (P,)` determine the covariance.
+    the P parameters of the simulator.  The covariance is that at `fixed (P,)`, if not None.
     """
 
     kalman_filter: KalmanFilter
@@ -531,8 +531,8 @@ def observe(
 ) -> Observation:
     """Return the observation of a record, with a missing `torque` and its `process`, if any.
 
-    Names are those of a single experiment.  With a torque, raises `ValueError` if the noise is not
-    white, or if the Kalman filter cannot use the times.
+    Names have no label, as in a single experiment.  With a torque, raises `ValueError` if the noise
+    is not white, or if the Kalman filter cannot use the times.
     """
     names = [unknown.name for unknown in noise.unknowns]
     shared: dict[str, Any] = {

@@ -71,8 +71,8 @@ class Likelihood:
         """Return whitened residuals `(n,)` at `theta (D,)`, model minus measured; 0 if missing."""
         full, parts = self.space.full(theta[None]), []
         for observation in self.observations:
-            off = -observation.residuals(full).samples
-            parts.append(observation.whitened_jacobian_at(off, theta).ravel())
+            errors = -observation.residuals(full).samples
+            parts.append(observation.whitened_jacobian_at(errors, theta).ravel())
         return np.concatenate(parts)
 
     def rig_parameters(self, theta: Array) -> dict[str, Array]:

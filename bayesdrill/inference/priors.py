@@ -2,7 +2,7 @@
 
 Nearly every parameter of a rig is positive, so a family that reaches below zero is truncated there
 and renormalised.  Unknowns of sensors and starts, and angles of rigs, may be negative: their priors
-have a `low` below zero, or none.  `logpdf` is -inf outside the support and never NaN.
+have a `low` below zero or at minus infinity.  `logpdf` is -inf outside the support and never NaN.
 """
 
 from __future__ import annotations
@@ -228,7 +228,7 @@ PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
         "half_normal": HalfNormal,
     }
 )
-# Priors of a sensor or a start, whose ends may be below zero.
+# Priors of unknowns of sensors and starts; the ends of these priors may be below zero.
 SIGNED_PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
     {n: prior for n, prior in PRIORS.items() if n not in ("log_uniform", "half_normal")}
     | {"normal": uncut_normal}

@@ -36,7 +36,7 @@ MAX_STEPS_PER_SAMPLE = 4  # a record with more steps of its time grid per sample
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualLimits:
-    """Noise alone keeps rms / sigma from `least` to `most`, and the rest below limits."""
+    """Noise alone keeps rms / sigma from `least` to `most`, and the other two below their limits."""
 
     least: float
     most: float
@@ -132,18 +132,18 @@ def residual_summaries(likelihood: Likelihood, theta: Array) -> tuple[ResidualSu
             spread = float(experiment.y[measured, k].std())
             worst = int(np.abs(residuals).argmax())
             sizes = [math.sqrt(np.mean(error[measured, k] ** 2)) for error in errors]
-            shares = [size / spread if spread > 0 else math.nan for size in sizes]
+            ratios = [size / spread if spread > 0 else math.nan for size in sizes]
             summary = ResidualSummary(
                 channel=experiment.names[k],
                 rms=math.sqrt(squares / n),
-                share=shares[0],
+                share=ratios[0],
                 correlation=float(residuals[1:] @ residuals[:-1]) / squares if squares > 0 else 0.0,
                 farthest=float(abs(residuals[worst])),
                 time=float(experiment.t[measured][worst]),
                 limits=limits(n, n_channels, len(theta)),
                 experiment=observation.label,
-                simulated=shares[1],
-                ahead=shares[2],
+                simulated=ratios[1],
+                ahead=ratios[2],
             )
             summaries.append(summary)
     return tuple(summaries)
@@ -239,8 +239,8 @@ def _correlations(
         memory, counts = _correlated(residuals, residuals, lags)
         last, sds = min(N_LAGS, int(lags[-1])), 1.0 / np.sqrt(counts)
         after = slice(1, last + 1)
-        place = partial(ResidualCorrelation, experiment=observation.label, step=step)
-        build = partial(place, channel=experiment.channels[k])
+        of_record = partial(ResidualCorrelation, experiment=observation.label, step=step)
+        build = partial(of_record, channel=experiment.channels[k])
         yield build(input="", lags=lags[after], values=memory[after], sds=sds[after])
         two_sided_lags = np.arange(-last, last + 1)
         rho = memory[1]

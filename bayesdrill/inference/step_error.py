@@ -20,7 +20,7 @@ MAX_ERROR_OVER_NOISE = 0.1  # largest accepted error of a sample, in sds of its 
 # Errors of chosen steps are below this fraction of the limit, as other points may exceed them.
 CHOICE_MARGIN = 0.5
 N_POINTS = 8  # number of points at which steps are tried, together as fast as one point
-SCATTER = 0.1  # largest relative distance of these points in each unknown
+SCATTER = 0.1  # largest relative deviation of an unknown at these points
 N_OUTLIERS = 1  # number of these points that may have a larger error
 MAX_CHOSEN_PIECES = 64  # largest number of steps per sample that is chosen
 # Candidates are tried in this order, the fastest first.
@@ -121,7 +121,7 @@ def choose_steps(
 
 
 def chosen_steps(posterior: Posterior) -> dict[str, StepSizes]:
-    """Return automatically chosen steps by the labels of experiments."""
+    """Return the steps that were chosen automatically, by the label of the experiment."""
     observations = (*posterior.likelihood.observations, *posterior.likelihood.held_out)
     steppings = {observation.label: observation.response.stepping for observation in observations}
     return {label: (s.pieces, s.turns) for label, s in steppings.items() if s and s.chosen}

@@ -1,8 +1,8 @@
 """Declare which quantities are unknown or fixed, and define the coordinates of the sampler.
 
 Equations of rigs contain products and ratios, so the logarithm is the natural coordinate.  The
-logarithm does not suit an unknown whose prior reaches down to zero, since the log has an endless
-tail there.  A number between two ends, such as a correlation, has its probit as coordinate.  A
+logarithm does not suit an unknown whose prior reaches down to zero, since the log's density has an
+endless tail there.  A number between two ends, such as a correlation, has its probit as coordinate.  A
 uniform prior is a Gaussian over the probit, which a Gaussian proposal covers; over the logit it has
 exponential tails. A number that may be negative, such as an offset, is its own coordinate.
 """

@@ -67,7 +67,7 @@ class CandidateModel:
         return START
 
     def job(self, *, shared: bool = False) -> Job:
-        """Return the changed job, with neutral parameters if `shared`; `InputError` if it is invalid."""
+        """Return the changed job, with neutral parameters if `shared`; raise `InputError` if invalid."""
         neutral = {"parameters": self.neutral} if shared and self.neutral else {}
         return self.base.with_data(merged(neutral, self.data))
 
@@ -80,7 +80,7 @@ class CandidateModels(Setting):
         return [self._rung(names) for names in combinations if {*names} <= {*self.changes}]
 
     def singles(self, *, absorbing: bool = False) -> list[CandidateModel]:
-        """Return candidates with one change (no scale); `absorbing` selects those without a cause."""
+        """Return candidates with one change, except scales; `absorbing` selects by `Change.absorbs`."""
         changes = (x for x in self.changes.values() if not x.name.startswith(SCALE))
         selected = [change for change in changes if change.absorbs == absorbing]
         return self.rungs((change.name,) for change in selected if not change.requires)
@@ -93,7 +93,7 @@ class CandidateModels(Setting):
         return self.rungs(filter(self.possible, wanted))
 
     def without_each(self, names: tuple[str, ...]) -> list[CandidateModel]:
-        """Return candidates with one change omitted, or replaced by a change of part of its entries."""
+        """Return candidates with a change omitted, or replaced by one that sets some of its entries."""
         subsets = [*itertools.combinations(names, len(names) - 1)][::-1]
         for name, other in itertools.product(names, self.changes.values()):
             if other.decides < self.changes[name].decides:

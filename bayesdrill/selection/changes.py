@@ -62,11 +62,11 @@ DRAG_MARGIN = 4.0  # largest drag, divided by the drag that acts as strongly as 
 # Largest dry friction, divided by the friction that acts as strongly as all other torques.  The root
 # mean square of these torques is small in a record in which the rig mostly rests.
 HOLDING = 4.0
-# Starts of searches for dry friction: sliding and static friction as fractions of its size, and the
-# speed scale of static friction as a fraction of the largest speed.
+# Starts of searches for dry friction: sliding and static friction as fractions of a size, and the
+# speed scale of static friction as a fraction of the largest speed; see `Setting` for both.
 SLIDING_SHARES, STATIC_SHARES, FADING_SHARE = (0.05, 0.5), (0.1, 0.8), 0.03
 # Starts of searches for other physics, between these fractions of its largest size.  A rig without a
-# drive needs more: the likelihood has a maximum for each number of oscillations until it rests.
+# drive needs more starts: the likelihood has a maximum for each number of oscillations until rest.
 SOUGHT_SIZES, DRIVEN_STARTS, FREE_STARTS = (0.003, 0.8), 14, 30
 LIMIT_STARTS = (0.2, 0.4, 0.7, 0.95)  # starts for the largest duty cycle of a servo
 # Limits of a goal's speed, divided by its largest speed in the record: the smallest, and starts.
@@ -117,7 +117,8 @@ class Setting:
     """A setting has the information from which changes of `job` are built.
 
     At a value in `sizes`, a parameter would act as strongly as all others.  `speeds` are the largest
-    speeds of inertias, `values` the rig's parameters at the maximum, `numbers` constants of changes.
+    speeds of inertias, `values` the rig's parameters at the maximum.  `numbers` maps names of changes
+    to the constants that they set.
     """
 
     job: Job
@@ -271,8 +272,8 @@ class Setting:
         entries = [*columns(self._data, name)]
         new = [place for place, x in entries if kind not in x and {"column", "variable"} & {*x}]
         lines = merged({}, *(nested((*place, kind), prior) for place in new))
-        scales_channel = kind == "offset" and name in self._units
-        if new and not scales_channel and not any(kind in entry for _, entry in entries):
+        is_offset_of_channel = kind == "offset" and name in self._units
+        if new and not is_offset_of_channel and not any(kind in entry for _, entry in entries):
             lines = merged(lines, self._shared(f"{kind}_{name}"))
         article = "an" if kind == "offset" else "a"
         return Change(f"{kind}_{name}", f"{article} {kind} of {name}", lines)
@@ -344,11 +345,11 @@ class Setting:
             yield Change(GEAR, "another gear", self._model({model.roles.gear: ratio}))
 
     def window(self, begin: float, end: float, later: float = 0.0) -> Entries:
-        """Return lines that limit experiments to these fractions of their time, with free starts."""
+        """Return lines that limit records to fractions of their time, and make their starts free."""
         several, lines = self._data.get(EXPERIMENTS), []
         for observation in self._observations:  # experiments that are held out do not change
             first, *_, last = observation.experiment.t.tolist()
-            ends = [(1.0 - share) * first + share * last for share in (begin, end)]
+            ends = [(1.0 - fraction) * first + fraction * last for fraction in (begin, end)]
             window = [rounded(ends[0] + later, 9), ends[1]]
             place = (EXPERIMENTS, observation.label) if several else ()
             lines.append(nested(place, {"record": {"window": window}, "initial": "free"}))
@@ -379,8 +380,8 @@ class Setting:
             drags = lack.name.startswith("drag")
             kind = OTHER_LAW if drags else COULOMB if lack.dry else LINEAR
             size = sizes[lack.parameter] * (DRAG_MARGIN if drags else 1.0)
-            shares = np.geomspace(*SOUGHT_SIZES, DRIVEN_STARTS if self._driven else FREE_STARTS)
-            starts = tuple({lack.parameter: size * share} for share in shares.tolist())
+            fractions = np.geomspace(*SOUGHT_SIZES, DRIVEN_STARTS if self._driven else FREE_STARTS)
+            starts = tuple({lack.parameter: size * fraction} for fraction in fractions.tolist())
             margin = HOLDING if kind == COULOMB else 1.0
             priors = {lack.parameter: uniform(size * margin)}
             yield replace(_physics(lack.name, lack.description, priors, kind), starts=starts)
@@ -412,12 +413,12 @@ class Setting:
     def _dry(self, name: str, words: str, sizes: Mapping[str, float]) -> Change:
         """Return dry frictions with priors up to `HOLDING` times their `sizes`, and smaller starts."""
         priors = {friction: uniform(HOLDING * size) for friction, size in sizes.items()}
-        places = ([(name, size * x) for x in SLIDING_SHARES] for name, size in sizes.items())
-        starts = tuple(dict(place) for place in itertools.product(*places))
+        values = ([(name, size * x) for x in SLIDING_SHARES] for name, size in sizes.items())
+        starts = tuple(map(dict, itertools.product(*values)))
         return replace(_physics(name, words, priors), starts=starts)
 
     def _at_rest(self, i: InertiaRoles) -> Iterator[Change]:
-        """Yield static friction for candidates with dry friction, then both in one change."""
+        """Yield static friction for candidates with dry friction, then a change with both frictions."""
         sizes = self.sizes
         largest = self.speeds.get(i.name, 0.0)
         if i.static not in sizes or largest == 0:
@@ -517,12 +518,12 @@ class Setting:
         weight, (step, longest) = self.weights[at.name] / at.reduction**2, self._span
         slow, fast = 2 * math.pi / longest, math.pi / step
         priors = (
-            log_uniform(*(weight * share for share in INERTIA_RANGE)),
+            log_uniform(*(weight * fraction for fraction in INERTIA_RANGE)),
             log_uniform(weight * slow**2, weight * fast**2),
             uniform(2.0 * weight * math.sqrt(slow * fast)),
         )
-        end_weight, rest = SOUGHT_SHARE * weight, (1.0 - SOUGHT_SHARE) * self.weights[at.name]
-        host = {at.inertia: rest} if at.inertia in self.job.problem.names else {}
+        end_weight, remaining = SOUGHT_SHARE * weight, (1.0 - SOUGHT_SHARE) * self.weights[at.name]
+        host = {at.inertia: remaining} if at.inertia in self.job.problem.names else {}
         starts = []
         for w in np.geomspace(2.0 * slow, 0.5 * fast, SOUGHT_SWINGS).tolist():
             values = (end_weight, end_weight * w**2, SOUGHT_DAMPING * end_weight * w)

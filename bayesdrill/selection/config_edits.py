@@ -103,7 +103,7 @@ def as_file(
     A `name` replaces the config's name, under which results are stored.
     """
     written = copy.deepcopy({key: entry for key, entry in data.items() if key != "output"})
-    written |= {"output": drawn} if (drawn := base.data.get("output")) else {}
+    written |= {"output": output} if (output := base.data.get("output")) else {}
     written |= {"name": name} if name else {}
     for _, section in sections(written):
         sources.rebase(section, base.path.parent, folder)

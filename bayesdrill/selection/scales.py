@@ -12,7 +12,7 @@ from bayesdrill.config.job import Job
 from bayesdrill.selection.config_edits import Entries, Place, columns, merged, nested, rounded
 
 OF_ALL = FACTORS[-1:]  # 1000 applies to all units, the other factors only to units of rotation
-OF_ROTATION = ("rad", "N*m/A")  # parts of units whose values are often given with rpm for rad/s
+OF_ROTATION = ("rad", "N*m/A")  # parts of units in which rad may be confused with deg or rpm
 # Keys of a prior whose numbers have the unit of the unknown.
 KEYS = ("value", "low", "high", "median", "mean", "sd", "scale", "start")
 

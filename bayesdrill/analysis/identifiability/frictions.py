@@ -1,7 +1,7 @@
 """Find frictions, dampings and voltage drops that a record can hardly distinguish.
 
-The information of record and priors shows these parameters, and the motion at the studied point
-explains why.  Further experiments are tried by computing their information.
+The information of record and priors shows which parameters these are, and the motion at the studied
+point explains why.  Further experiments are judged by the information that they would add.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
 from bayesdrill.rig.models.roles import Roles
 
 KNOWN_SD = 0.1  # a parameter with a smaller sd of its log counts as known, whatever it resembles
-MIN_FALL = 2.0  # the sd of a confounded parameter falls at least by this factor with known rivals
-MIN_EXPLAINED_FALL = 0.8  # smallest share of the log of that factor that reported rivals explain
+MIN_FALL = 2.0  # smallest fall of the sd of a confounded parameter, as a factor, with known rivals
+MIN_EXPLAINED_FALL = 0.8  # smallest fraction of that factor's log that reported rivals explain
 MIN_HELPFUL_FALL = 1.5  # smallest factor by which a proposed experiment reduces an sd
 MAX_PROPOSED = 2  # largest number of experiments that are proposed
 STICTION_GONE_SPEEDS = 3.0  # speed divided by its scale `fading`, above which stiction is gone
@@ -63,9 +63,9 @@ def rivals(roles: Roles) -> dict[str, tuple[str, ...]]:
 class Excitation:
     """The excitation describes the motion at a friction `where`, over all records.
 
-    `against` is the state that the friction opposes: a speed, SI, or a current [A].  `reversals` is
-    the number of its changes of sign, `stuck` the share of time at rest.  `slowest` and `fastest` are
-    the smallest and largest size of the state after the start.
+    `against` names the state that the friction opposes: a speed, SI, or a current [A].  `reversals`
+    counts the state's changes of sign, and `stuck` is the fraction of time at rest.  `slowest` and
+    `fastest` are the smallest and largest magnitude of the state after the start.
     """
 
     where: str
@@ -287,8 +287,8 @@ def drive_words(model: Model, drive: str) -> tuple[str, str]:
 def stall_voltage(model: Model, p: Mapping[str, float]) -> float:
     """Return the value of the first drive, such as a voltage [V], that just overcomes friction.
 
-    At lower values the rig comes to rest, as friction at rest is at least as large.  The result is zero
-    without friction, without a drive, and if the drive is a speed.
+    At lower values the rig comes to rest, as friction at rest is no smaller than in motion.  The result
+    is zero without friction, without a drive, and if the drive is a speed.
     """
     drive = next(iter(drives_of(model)), "")
     moved = model.roles.moved(drive)

@@ -43,7 +43,7 @@ class DesignVariant:
 
 
 AS_RECORDED = DesignVariant()
-STUDIED_SAMPLES = 16384  # number of samples of a long record that are studied
+STUDIED_SAMPLES = 16384  # largest number of samples of a record that are studied
 LARGEST_SLOPE = 1e100  # limit of whitened derivatives, so that sums of squares do not overflow
 
 

@@ -39,7 +39,7 @@ class Profile:
     """The profile likelihood of one parameter is given at physical `values (n,)`.
 
     `loss (n,)` is the best log likelihood minus the profile's.  The loss passes `THRESHOLD` at `low`
-    and `high`; each of these is None if the loss stays below inside the prior.
+    and `high`; each of these is None if the loss stays below `THRESHOLD` up to the prior's end.
     """
 
     name: str
@@ -179,7 +179,7 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
     up = _profile_to_end(fitter, column, centre, sd, fitter.high[column])
     values, fits = zip(*reversed(down), (centre, best), *up, strict=True)
     logs, costs = np.array(values), np.array([fit.cost for fit in fits])
-    lowest = int(np.argmin(costs))  # a neighbour may be better than the first fit
+    lowest = int(np.argmin(costs))  # a fit at another value may be better than the first fit
     loss = costs - costs[lowest]
 
     def crossing(outward: range) -> float | None:
@@ -191,7 +191,7 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
                     fit = fitter.fit_at(start, column, value)
                     return float(fit.cost - costs[lowest] - THRESHOLD)
 
-                # The tolerance is relative to the bracket, as a precise log varies in its last digits.
+                # The tolerance is relative to the bracket: only the last digits of a precise log vary.
                 tolerance = 1e-4 * abs(logs[following] - logs[k])
                 ends = logs[k], logs[following]
                 return float(scipy.optimize.brentq(excess, *ends, xtol=tolerance, rtol=1e-14))

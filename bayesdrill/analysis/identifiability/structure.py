@@ -1,6 +1,6 @@
 """Find exact scaling symmetries of a posterior, and unknowns that depend on fixed numbers.
 
-A symmetry multiplies unknowns by powers of a factor without changing any measured signal.  The null
+A symmetry multiplies unknowns by powers of any factor without changing a measured signal.  The null
 space of the log-sensitivities at several points of the prior gives candidates with small whole
 exponents.  Each candidate is proven by scaling by two: the response is the same to rounding.
 
@@ -43,9 +43,9 @@ MAX_BASES = 5000  # largest number of pivot sets that are tried
 class ScalingStructure:
     """A posterior has scaling symmetries, and products that they do not change.
 
-    `symmetries` are proven exponents of the unknowns, the sparsest first. `invariants` are independent
-    products that no symmetry changes. `unexplained` counts further directions that no signal shows,
-    but that have no small whole exponents, or vary over the prior.
+    `symmetries` are proven exponents of the unknowns, the sparsest first. `invariants` are exponents of
+    independent products that no symmetry changes. `unexplained` counts other directions that change no
+    signal: they have no small whole exponents, or vary over the prior.
     """
 
     names: tuple[str, ...]
@@ -66,7 +66,7 @@ class ScalingStructure:
 def null_space(sensitivities: Sequence[Array], *, nearly: bool = False) -> Array:
     """Return directions `(n, m)` of log unknowns that change no signal at any of the points.
 
-    Points without motion, such as of a rig that sticks from the start, are ignored.  `nearly` includes
+    Points without motion, such as those at which a rig sticks, are ignored.  `nearly` includes
     directions with tiny effects, which may be due to rounding, so that each has to be proven.
     """
     moving = [s / size for s in sensitivities if (size := np.linalg.norm(s)) > 0]
@@ -156,12 +156,12 @@ def _complexity(exponents: Exponents) -> tuple[int, int, Exponents]:
     return used, sum(abs(x) for x in exponents), tuple(-x for x in exponents)
 
 
-NULL_BELOW, NULL_GAP = 1e-7, 1e-4  # limits of singular value / largest, and of value / next larger
-PRIOR_POINTS = 4  # number of points, besides the start, where symmetries are found and proven
-# Points are at this fraction of the distance from the start to draws from the prior.  At the ends of
-# wide priors, rigs are so stiff that rounding hides symmetries.
+NULL_BELOW, NULL_GAP = 1e-7, 1e-4  # limits of a null singular value / largest, and / next larger
+PRIOR_POINTS = 4  # number of points, in addition to the given one, where symmetries must hold
+# These points are at this fraction of the distance from the given point to draws from the prior.  At
+# the ends of wide priors, rigs are so stiff that rounding hides symmetries.
 PRIOR_SHARE = 0.25
-MAX_DRAWS = 100  # number of prior draws to find these points, as some responses may overflow
+MAX_DRAWS = 100  # number of prior draws from which these points are taken; some responses overflow
 
 
 def structure_of(
@@ -187,8 +187,8 @@ def structure_of(
     return find_structure(sensitivity.unknowns, sensitivities, unchanged)
 
 
-FREED_RANGE = 0.5, 1.5  # range, relative to its value, over which a fixed number is varied
-MIN_PRIOR_SHARE = 0.5  # priors are named above this fraction of the total and of the largest effect
+FREED_RANGE = 0.5, 1.5  # range over which a fixed number is varied, relative to its value
+MIN_PRIOR_SHARE = 0.5  # smallest effect of all priors / total, and of a named prior / largest one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -253,8 +253,8 @@ def depends_on_fixed(
 ) -> tuple[DependsOnFixed, ...]:
     """Find the scales of unknowns that fixed numbers determine.
 
-    Users expect scales with more fixed numbers than unknowns, so these are omitted.  `information` is
-    that at `theta (D,)`, `prior_sd (m,)` are sds of logs, and `rng` draws points of the prior.
+    Users expect scales with more fixed numbers than unknowns, so these are omitted.  `information`
+    holds at `theta (D,)`, `prior_sd (m,)` are sds of logs, and `rng` draws points of the prior.
     """
     space, observations = posterior.space, posterior.likelihood.observations
     model = observations[0].response.model

@@ -50,10 +50,10 @@ from bayesdrill.inference.priors import prior_log_sd
 from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.record.experiment import typical_inputs
 
-WEIGHED_TO = 0.01  # relative sd of a part that is weighed or tied
+WEIGHED_TO = 0.01  # relative sd of a parameter that is weighed, or tied to another
 LOAD_SHARE = 0.1  # largest effect of a known load on a channel, relative to the channel's range
 ADDED_SHARE = 0.5  # known inertia added in a further record, relative to the unknown inertia
-OTHER_DRIVE = 0.5  # drive after half of the record, or in a further record, relative to the present
+OTHER_DRIVE = 0.5  # drive in the second half, or in a further record, relative to the present drive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +123,7 @@ def _actions(
 def _added_inertias(
     sensitivity: SensitivityStudy, theta: Array, information: Information
 ) -> Iterator[tuple[str, Information]]:
-    """Yield a repetition of the experiments with a weighed inertia added to each unknown one."""
+    """Yield, for each unknown inertia, the experiments repeated with a weighed inertia added to it."""
     names, space = sensitivity.unknowns, sensitivity.likelihood.space
     tied = {name for relation in space.relations.values() for name in relation.names}
     for inertia in sensitivity.model.roles.inertias:
@@ -134,7 +134,7 @@ def _added_inertias(
         heavier = theta.copy()
         heavier[column] *= 1.0 + ADDED_SHARE
         rows = sensitivity.sensitivities(heavier)
-        total = rows[:, place] / (1.0 + ADDED_SHARE)  # d / d log(j + J) per d log j
+        total = rows[:, place] / (1.0 + ADDED_SHARE)  # d log(j + J) / d log j = 1 / (1 + J / j)
         rows[:, place] = total
         weighed = np.append(np.zeros(len(names)), 1.0 / WEIGHED_TO)
         both = np.vstack([np.hstack([rows, ADDED_SHARE * total]), weighed])
@@ -159,7 +159,7 @@ def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVa
 def _more_channels(
     sensitivity: SensitivityStudy, theta: Array
 ) -> Iterator[tuple[str, DesignVariant]]:
-    """Yield variants that measure a further state, with the signal-to-noise ratio of the channels."""
+    """Yield variants that measure a further state, at the channels' median signal-to-noise ratio."""
     rig = sensitivity.model
     motions, observations = sensitivity.motions(theta), sensitivity.likelihood.observations
     weights = [each.experiment.weights(sensitivity.states) for each in observations]
@@ -202,7 +202,7 @@ def _other_inputs(
 def _load(
     sensitivity: SensitivityStudy, theta: Array, torque: str, location: str
 ) -> Iterator[tuple[str, DesignVariant]]:
-    """Yield a variant with a known load in the second half that is large enough to be seen."""
+    """Yield a variant with a known load in the second half, large enough to be seen in a channel."""
     motion, observations = sensitivity.model.roles.motion, sensitivity.likelihood.observations
     loaded = sensitivity.motions(theta, DesignVariant(shifts={torque: 1.0}))
     changes = []  # largest change of a channel by a unit load, relative to the channel's range
@@ -219,7 +219,7 @@ def _load(
         yield what, DesignVariant(shifts={torque: load})
 
 
-MIN_FALL = 2.0  # knowing a nuisance reduces the sd of an unknown like it at least by this factor
+MIN_FALL = 2.0  # smallest factor by which knowing a nuisance reduces the sd of an unknown like it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -290,8 +290,8 @@ def _known_products(
 class Nuisance:
     """A nuisance is an unknown of a sensor or a start, with its sd and its sd by the prior alone, SI.
 
-    `like` are unknowns of the rig from which it can hardly be distinguished.  Each has the factor by
-    which its sd would fall if the nuisance were known.
+    `like` has pairs: an unknown of the rig that can hardly be distinguished from the nuisance, and the
+    factor by which the unknown's sd would fall if the nuisance were known.
     """
 
     name: str
@@ -337,7 +337,7 @@ def study_of(
 ) -> IdentifiabilityStudy:
     """Study the identifiability at `theta (D,)`, which `at` names in sentences.
 
-    Remedies are sought on request, as they take as long as everything else.
+    Remedies are sought only on request, as they take as long as everything else.
     """
     rng = seeds.stream(seed, "identify")
     names = sensitivity.unknowns
@@ -366,16 +366,16 @@ def study_of(
     )
 
 
-START_DRAWS, TRIED = 128, 16  # numbers of prior draws, and of the most probable that are tried
+START_DRAWS, TRIED = 128, 16  # number of prior draws, and of the most probable ones that are tried
 STILL = 1e-3  # modelled / measured range of a channel, below which the model stands still
-MIN_MOTION_OVER_NOISE = 3.0  # smallest sd / noise of a moving channel; noise by neighbours
+MIN_MOTION_OVER_NOISE = 3.0  # smallest sd / noise of a moving channel; neighbours give the noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyPoint:
     """A study is made at the point `theta (D,)`, which sentences name by `description`.
 
-    Channels in `inert` move only in the record.  `description` is empty if no point moves them.
+    Channels in `inert` rest in the model at the start; `description` is empty if no point moves them.
     """
 
     theta: Array
@@ -425,12 +425,12 @@ def _nuisances(
     inverse = np.linalg.inv(joint.with_priors(sensitivity.prior_spreads).root)
     covariance = inverse @ inverse.T
     sds = np.sqrt(np.diag(covariance))
-    alike = covariance / np.outer(sds, sds)
+    correlations = covariance / np.outer(sds, sds)
     steps = posterior.coordinates.natural(theta[None])[0]
 
     nuisances = []
     for k, name in enumerate(sensitivity.nuisances, start=len(sensitivity.unknowns)):
-        falls = 1.0 / np.sqrt(np.maximum(1.0 - alike[k] ** 2, 1e-12))
+        falls = 1.0 / np.sqrt(np.maximum(1.0 - correlations[k] ** 2, 1e-12))
         pairs = zip(sensitivity.unknowns, falls.tolist(), strict=False)
         before = sensitivity.prior_spreads[k]
         nuisance = Nuisance(

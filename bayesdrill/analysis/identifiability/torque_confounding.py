@@ -1,7 +1,7 @@
-"""Find parameters that a missing torque can replace, and remedies.
+"""Find parameters that a missing torque can replace, and propose remedies.
 
 The Fisher information of all unknowns, with the priors, is compared with that of a rig without a
-missing torque.  The information is the mean Gauss-Newton curvature for records drawn at the point.
+missing torque.  Information is the mean Gauss-Newton curvature of records simulated at the point.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MAX_REMEDIES = 3  # largest number of remedies that are proposed
 class TorqueRemedy:
     """A remedy helps to distinguish a parameter from the missing torque.
 
-    To "hold" the parameter `name`, or "measure" the state `name`, would divide the sd by `shrink`.
+    To "hold" another parameter `name`, or "measure" a state `name`, divides the sd by `shrink`.
     """
 
     kind: str
@@ -80,7 +80,7 @@ def find_confounded(
     worse = [k for k in rig if sds[k] > MIN_LOSS * alone[k] and sds[k] > KNOWN_SHARE * prior_sds[k]]
     if not worse:
         return ()
-    # A state could be measured in addition if no channel shows it by itself.
+    # A further sensor could measure a state if no channel shows this state alone.
     first = posterior.likelihood.observations[0]
     shown = {name for c in first.experiment.channels for name in c.weights if len(c.weights) == 1}
     unseen = [name for name in first.response.model.states if name not in shown]
@@ -158,9 +158,9 @@ def _information(posterior: Posterior, theta: Array, prior_sds: Array, seeds: Co
 def _measuring(
     posterior: Posterior, theta: Array, states: Sequence[str], measured: str
 ) -> Posterior:
-    """Return the posterior with further channels of all `states`, of which one is measured.
+    """Return the posterior with a further channel for each of `states`; only `measured` has samples.
 
-    Channels without a sample change nothing, and the kernels are the same whatever is measured.
+    Channels without samples change no density, so the same compiled kernels serve all `states`.
     """
     full, n_states = posterior.space.full(theta[None]), len(states)
 

@@ -110,7 +110,7 @@ class ChannelSpacing:
 
 @dataclass(frozen=True, slots=True)
 class Spacing:
-    """A spacing lists those of all channels; `is_measured (T, K)` says whether a sample was measured."""
+    """A record's spacing has that of each channel; `is_measured (T, K)` flags measured samples."""
 
     channels: tuple[ChannelSpacing, ...]
     is_measured: Flags

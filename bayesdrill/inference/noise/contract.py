@@ -1,6 +1,6 @@
 """Define the contract of a noise, which is the distribution of residuals of some channels.
 
-Modules of the kinds of noise do not repeat the descriptions of `Noise`.
+Methods in the modules of the kinds of noise are described here, in `Noise`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class NoisyChannel:
     """A noisy channel has the noise that its config declares.
 
     `sigma` is a number, SI, or a prior, for which a search begins at `start`.  The `kind` of noise
-    defines the `entries`, each None if not given.  `factor` is SI units per unit of its column.
+    defines the `entries`, each None if not given.  `factor` is SI units per unit of the column.
     """
 
     channel: Channel
@@ -41,7 +41,7 @@ class SimulatorResiduals:
     """Residuals are measured minus modelled values at W points, evaluated when they are first used.
 
     `full (W, P)` has the parameters of this simulator alone.  Samples are NaN where nothing was
-    measured.  Sums over samples do not store the samples.  `over_scales (W, K)` are
+    measured.  Sums are computed without storing samples.  `over_scales (W, K)` are
     weighted sums of squares, if a kernel has computed them.
     """
 
@@ -146,9 +146,8 @@ class Noise(Protocol):
 
         A noise that allows missing samples also has one of two methods.  `with_counts(counts)` gives
         the noise for these numbers of samples of each channel.  If times matter, `at_times(t,
-        is_measured)` gives the noise for times `t (T,)`, of which the flags `is_measured (T, K)`
-        say which channels have a sample.  Missing residuals are NaN, and remain NaN when they are
-        whitened.
+        is_measured)` gives the noise for times `t (T,)`, at which `is_measured (T, K)` flags the
+        channels with a sample.  Missing residuals are NaN, and remain NaN when they are whitened.
         """
 
     def fixed_values(self) -> Mapping[int, object]:
@@ -185,7 +184,7 @@ class Noise(Protocol):
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
         """Return whitened `shifts` of signals, `(W, T, K)`.
 
-        The result is linear in `shifts`, and its squares sum to the Fisher information on them.
+        The result is linear in `shifts`, and its squares sum to the Fisher information along `shifts`.
         """
 
     def score(self, samples: Array, theta: Array) -> Array:
@@ -207,7 +206,7 @@ class Noise(Protocol):
 
 
 class NoiseKind(Protocol):
-    """Each member of the registry is a class of this kind, which builds noises."""
+    """Each member of the registry `NOISES` is a class of this kind, which builds noises."""
 
     @property
     def Entries(self) -> type:  # noqa: N802
@@ -219,7 +218,7 @@ class NoiseKind(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ChannelNumbers:
-    """Each channel has a number in `fixed_values` or, if None, an unknown from `first_column` on."""
+    """Each channel has a number in `fixed_values`; None is an unknown, from `first_column` on."""
 
     fixed_values: tuple[float | None, ...]
     first_column: int

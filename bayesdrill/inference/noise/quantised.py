@@ -23,7 +23,7 @@ from bayesdrill.inference.noise.white import IndependentNoise, White
 from bayesdrill.inference.unknowns import Unknown
 
 MIN_KERNEL_HALF_STEP = 0.2  # least step / (2 sigma) at which the kernels' sums keep their digits
-MAX_DISTANCE = 9.0  # in sigmas from the end of an interval: farther samples tell nothing
+MAX_DISTANCE = 9.0  # end of integrals, in sigmas from a step's end; beyond, information is zero
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(160)
 _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 _DESCRIPTION = "Step to which samples were rounded, in the unit of the column"
@@ -81,7 +81,7 @@ class Quantised(IndependentNoise):
         fine = (half < MIN_KERNEL_HALF_STEP).any(axis=1)
         if fine.any():
             terms = self.pointwise(residuals.samples[fine], theta[fine])
-            failed = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # besides missing samples
+            failed = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # not only missing samples
             exact = np.where(failed, np.nan, np.nansum(terms, axis=1))
             log_mass[fine] = np.where(half[fine] < MIN_KERNEL_HALF_STEP, exact, log_mass[fine])
         return np.asarray(log_mass)

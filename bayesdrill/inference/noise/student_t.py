@@ -86,7 +86,7 @@ class StudentT(IndependentNoise):
         return np.asarray(shifts / scale * np.sqrt((nu + 1.0) / (nu + 3.0)))
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
-        """Return slopes and expected curvature; residuals above their scale increase it."""
+        """Return slopes and the expected curvature, increased if residuals are above their scale."""
         scale, nu = self._each(theta)
         samples, n = residuals.samples, self.levels.sizes
         zeros = np.zeros_like(scale)
