@@ -20,7 +20,7 @@ from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_
 
 
 class _Guarded(TyperGroup):
-    """Run all commands; any error, also in `--help`, ends with a message and an exit status."""
+    """Run all commands; any error, also in `--help`, becomes a message and an exit status."""
 
     def make_context(self, *arguments: Any, **named: Any) -> Any:
         with guarded():
@@ -73,14 +73,14 @@ def command[F: Callable[..., None]](example: str, name: str | None = None) -> Ca
 
 
 def _tell_version(wanted: bool) -> None:
-    """Print the version and stop; as the option is eager, it needs no command."""
+    """Print the version and stop; an eager option runs before a command is required."""
     if wanted:
         typer.echo(f"bayesdrill {bd.__version__}")
         raise typer.Exit
 
 
 def _read(config: Path, read: str = "load", **more: Any) -> Any:
-    """Read a config with the API function `read`; on a terminal, show this while libraries load."""
+    """Read a config with the API function `read`; a terminal shows meanwhile what is read."""
     watched = sys.stderr is not None and sys.stderr.isatty()
     with reporter() if watched else nullcontext(SILENT) as report:
         report.update(0.0, f"reading {config}")
@@ -107,7 +107,7 @@ def _run(
 
 
 def _compare(form: str, folders: list[Path], output: Path | None, *, force: bool) -> None:
-    """Compare runs; `form` is `overlay` or `comparison`, and also the stem of the tables' files."""
+    """Compare runs; `form`, `overlay` or `comparison`, is also the stem of the table files."""
     from bayesdrill.api import comparison
 
     path = comparison.check_folder(form, folders, output, force=force)

@@ -131,7 +131,7 @@ class Best(Value):
         """
         workers, job = arguments.workers(processes), self.job.with_steps_at(self.mode)
         if not self._report.warning:
-            workers = 1  # after a good fit few models are tried, faster than workers start
+            workers = 1  # after a good fit few models are tried; to start workers would take longer
         with WorkerPool(self.job.problem.posterior, workers) as pool:
             how = job, self.mode, self._report.residuals, pool.submit_function, report or SILENT
             causes = conclusions.causes(*how)
@@ -301,7 +301,7 @@ class Run(arguments.ExperimentPlanner, SampledRun):
 
     @property
     def evidence(self) -> Evidence | None:
-        """Return the evidence: `log_z` (natural logarithm) with its standard `error`; or None."""
+        """Return the evidence: `log_z` (natural logarithm) with its standard `error`, or None."""
         return self.sampled.evidence
 
     @property

@@ -1,6 +1,6 @@
 """Check types of arguments against annotations, and whether a string can be a path.
 
-Each decorated function checks ranges and names itself.  `pydantic.validate_call` is not used: it
+Decorated functions check ranges and names themselves.  `pydantic.validate_call` is not used: it
 needs types that are imported only for type checkers, and a schema for each class of arguments.
 """
 

@@ -21,9 +21,9 @@ from multiprocessing.context import BaseContext
 
 FORKED = sys.platform == "linux"
 SPAWN = multiprocessing.get_context("spawn")
-PRELOADED = "bayesdrill.sampling.preloaded"  # module with which the server loads libraries
+PRELOADED = "bayesdrill.sampling.preloaded"  # module whose import loads the libraries
 STOPPING = ("SIGINT", "SIGHUP", "SIGTERM")
-# Libraries start no threads in the server, so that it can be forked, nor in its workers.
+# Keep libraries single-threaded in the server, so that it can be forked, and in its workers.
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
 STARTING = threading.Lock()  # several threads may start workers at the same time
 

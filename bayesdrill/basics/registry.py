@@ -48,8 +48,8 @@ def check_callable(_: str, member: Any) -> None:
 class Registry[T](Mapping[str, T]):
     """A registry maps names to members of the kind `what`, also from entry points.
 
-    Members of this package come first.  A member of another package is loaded at its first use, and
-    raises `ValueError` if this fails.  It cannot replace a member of this package by its name.
+    Members of this package come first.  A member of another package is loaded at its first use;
+    `ValueError` is raised if this fails.  It is ignored if a member of this package has its name.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ _entry_points = cache(entry_points)  # a search of all installed packages takes 
 
 
 def blamed_package(error: BaseException) -> str:
-    """Return a message that names the extension in which an error arose; empty if none did."""
+    """Return a message that names the extension in which an error arose, or an empty text."""
     text = "".join(traceback.format_exception(error))  # includes the traceback in a worker
     for entry_point in _entry_points():
         top = entry_point.module.partition(".")[0]

@@ -31,7 +31,7 @@ from bayesdrill.config.yaml_source import IssueCollector, Location, Source, read
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 
-_FILE = "x.csv"  # stands for a missing name of the record's file
+_FILE = "x.csv"  # replaces the name of the record's file if it is missing
 
 
 def _stand_ins(words: Vocabulary) -> dict[Location, Any]:
@@ -49,8 +49,8 @@ def _stand_ins(words: Vocabulary) -> dict[Location, Any]:
     }
 
 
-FRICTION_WALKERS = 96  # default for nonlinear rigs, whose likelihood is expensive
-WALKERS_PER_EXPERIMENT = 16  # added because each experiment may have unknowns of its own
+FRICTION_WALKERS = 96  # default number for nonlinear rigs, whose likelihood is expensive
+WALKERS_PER_EXPERIMENT = 16  # added for each experiment, which may have unknowns of its own
 NO_EXPERIMENT = (
     "no experiment stands here; name each, such as `slow: {record: {file: slow.csv}}`, or remove "
     "this entry"
@@ -169,7 +169,7 @@ def _load_several(
 
 
 def _by_location(errors: list[EntryError], source: Source) -> dict[Location, EntryError]:
-    """Return the last error of each entry, as a union reports one error for each member."""
+    """Return the last error of each entry, since a union reports an error for each member."""
     return {_location(item["loc"], source.data): item for item in errors}
 
 
@@ -218,7 +218,7 @@ def _check_remaining(
 
 
 def _intended_location(error: EntryError, location: Location, hint: str) -> Location | None:
-    """Return the location of the key that a misspelt key was meant to be; None for other errors."""
+    """Return the location of the correct key for a misspelt key; None for other errors."""
     suggestion = hint.rpartition("did you mean ")[2].rstrip("?")
     misspelt = error["type"] == "extra_forbidden" and suggestion != hint
     return (*location[:-1], suggestion) if misspelt else None
@@ -235,7 +235,7 @@ def _remove(data: Any, location: Location) -> None:
 
 
 def _location(loc: tuple[str | int, ...], data: Any) -> Location:
-    """Return the path as the user wrote it, without the tags of pydantic's unions."""
+    """Return a location as the user wrote it, without the tags of pydantic's unions."""
     location: list[str | int] = []
     node = data
     for index, part in enumerate(loc):

@@ -21,7 +21,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 def without_sensors(
     experiment: Experiment, sensing: ObservationModel, numbers: Iterable[ParsedNumber]
 ) -> Experiment:
-    """Return the experiment corrected for gains and offsets, with start values of unknown ones."""
+    """Return the experiment, corrected for gains and offsets; unknown ones have start values."""
     values = {n.name: n.value if isinstance(n.value, float) else n.start for n in numbers}
     y = experiment.y.copy()
     for k, channel in enumerate(experiment.channels):
@@ -32,7 +32,7 @@ def without_sensors(
 
 
 LAG_TAIL = 1e-6  # prior probability that a lag is longer than the omitted time
-LAG_TAIL_BEYOND_RECORD = 0.025  # prior probability in each tail beyond the lags that are checked
+LAG_TAIL_BEYOND_RECORD = 0.025  # prior probability of each tail that `check_lag` disregards
 
 
 def start_beyond_lags(

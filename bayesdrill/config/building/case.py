@@ -49,7 +49,7 @@ def local_numbers(
 ) -> LocalNumbers:
     """Return the numbers of the experiment that are not parameters of the rig.
 
-    If a channel has a mistake, only its sigma is listed, and only if it has a prior.
+    If a channel has a mistake, only its sigma is listed, and only if the sigma has a prior.
     """
     numbers_: dict[str, float | Prior | Unknown | None]
     numbers_ = {e.symbol.name: None if x is None else x.value for e, x in sensor_numbers.items()}

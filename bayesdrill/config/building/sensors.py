@@ -85,7 +85,7 @@ def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
 def _column_entries(
     location: Location, late: SensorKind, spec: Any, si: str, latex: str
 ) -> Iterator[SensorEntry]:
-    """Yield the entries of a column; `late` is `lag`, or `delay` if all inputs share it."""
+    """Yield the entries of a column; `late` is `delay` for a single input, else `lag`."""
     name = str(location[-1])
     lag = f"lag of the sensor of {name}" if late == "lag" else f"delay of {name}"
     kinds: tuple[tuple[str, SensorKind, str, str, str, str], ...] = (

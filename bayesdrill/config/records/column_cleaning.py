@@ -205,7 +205,7 @@ def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
     return column.values[rows[np.searchsorted(rows, np.arange(len(missing)), side="right") - 1]]
 
 
-MAX_DERIVATIVE_MISMATCH = 0.3  # relative rms difference above which a derivative is doubted
+MAX_DERIVATIVE_MISMATCH = 0.3  # relative rms difference above which a derived channel is doubted
 
 
 def report_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn]) -> None:

@@ -43,7 +43,7 @@ from bayesdrill.record.experiment import (
 )
 from bayesdrill.record.formats.csv import CsvOptions
 
-MAX_LEAD = 1000  # in record lengths; a later first sample suggests dates or times of day
+MAX_LEAD = 1000  # largest lead / record length; a longer lead suggests dates or times of day
 
 
 def csv_options(record: RecordSpec) -> CsvOptions:
@@ -184,7 +184,7 @@ class _Reader:
         return y
 
     def _held_out(self, t: Array, y: Array) -> Array | None:
-        """Move held-out samples from `y` to a new array and return it; None if there are none."""
+        """Move held-out samples from `y` to a new array and return this array, or None if empty."""
         spans = window_spans(self._config.record.held_out)
         if not spans:
             return None

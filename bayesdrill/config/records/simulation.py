@@ -34,7 +34,7 @@ from bayesdrill.record.formats.csv import table as text_table
 from bayesdrill.rig.simulators import simulator
 
 DIGITS = 9  # significant digits of the numbers in a simulated record
-READ_BACK_TOLERANCE = 1e-8  # largest error of numbers that are read back / range of their column
+READ_BACK_TOLERANCE = 1e-8  # largest (error of a number read back / range of its column)
 
 
 def _check_format(resolved: ResolvedExperiment, target: Path | None) -> None:

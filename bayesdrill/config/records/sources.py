@@ -79,7 +79,7 @@ def files(case: ResolvedCase) -> list[Path]:
 
 
 def named_files(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
-    """Return each mapping of a plain config that names a file, and the key of the name."""
+    """Return each mapping of a plain config that names a file, with the key of the file name."""
     record, inputs = data.get("record", {}), data.get("inputs", {})
     entries = [record, *record.get("channels", {}).values(), *inputs.values()]
     having = [entry for entry in entries if isinstance(entry, dict) and "file" in entry]
@@ -269,7 +269,7 @@ class Sources:
         return None
 
     def _variables(self, file: FileSpec | None) -> frozenset[str] | None:
-        """Return the variables that the config names in a file; None if one has only a number."""
+        """Return the variables that the config names in a file; None if a column has no name."""
         specs = [s for s in file_entries(self._config).values() if file_of(s) == file]
         times = [spec.time or self._config.record.time for spec in specs]
         columns = [*specs, *(time for time in times if isinstance(time, TimeColumn))]
@@ -278,7 +278,7 @@ class Sources:
 
 
 def column_location(location: Location, spec: ColumnSpec) -> Location:
-    """Return the location of the entry that addresses the column."""
+    """Return the location of the entry that names the column."""
     return (*location, "column" if spec.column is not None else "variable")
 
 

@@ -71,7 +71,7 @@ def campaign_schema() -> str:
 
 
 def _nested(schema: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
-    """Return the subschema at `path`; missing levels of it are created."""
+    """Return the subschema at `path`; missing levels are created."""
     for name in path:
         schema = schema.setdefault("properties", {}).setdefault(name, {})
     return schema

@@ -33,7 +33,7 @@ from bayesdrill.inference.noise import NOISES
 from bayesdrill.output_files import DEFAULT_FORMATS
 from bayesdrill.record.formats import FORMATS
 
-MAX_SPANS = 1000
+MAX_SPANS = 1000  # largest number of windows or masked spans in a list
 
 
 def _word_or_mapping(value: Any) -> str:
