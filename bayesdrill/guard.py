@@ -27,8 +27,8 @@ from bayesdrill.basics.registry import blamed_package
 INPUT_WRONG = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130
-MOST_PROBLEMS = 15  # upper limit of listed input errors
-LONGEST_LINE = 400  # upper limit of the characters of a message
+MOST_PROBLEMS = 15  # largest number of input errors that are listed
+LONGEST_LINE = 400  # largest number of characters of a message
 LEAST_MEMORY = 512 * 1024**2  # bytes; the libraries alone occupy this much
 STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
 KILLED = "a worker process was killed (out of memory?); fewer --processes need less"

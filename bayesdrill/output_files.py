@@ -71,7 +71,7 @@ def numbered[T](stem: str, items: Sequence[T]) -> dict[str, T]:
     return {f"{stem}_{k}": item for k, item in enumerate(items, start=1)}
 
 
-FORMATS = ("pdf", "png", "svg")  # of figures
+FORMATS = ("pdf", "png", "svg")  # file formats of figures
 DEFAULT_FORMATS = FORMATS[:2]
 
 
@@ -180,13 +180,13 @@ LADDER = Kind(  # models of one record, each with a posterior in its own folder
 
 
 def output_names(folder: Path, kind: Kind) -> list[str]:
-    """Return entries of `folder` with names of this kind, also links; `kept_files` are skipped."""
+    """Return names in `folder` of files that a run of this kind writes, except its `kept_files`."""
     names = _names(folder, ("", *kind.folders))
     return [name for name in names if kind.is_output(name) and not _matches(name, kind.kept_files)]
 
 
 def misplaced_paths(folder: Path, kind: Kind) -> list[Issue]:
-    """Return an issue for each path where a run writes, but something of another kind exists."""
+    """Return an issue for each path that should be a file or folder of a run, but is not."""
     files = dict.fromkeys((LOCK, *output_names(folder, kind)), ("a file", "which no run writes"))
     folders = dict.fromkeys(kind.folders, ("a folder", "where a run has a folder of its own"))
     return [
@@ -335,7 +335,7 @@ def refuse_other_text(folder: Path, kind: Kind, *, force: bool) -> None:
 
 
 def text_mark(kind: Kind) -> str:
-    """Return the first line of the text in a folder of this kind, by which it is recognised."""
+    """Return the first line of the text in a folder of this kind, which identifies the folder."""
     return f"<!-- bayesdrill {kind.job} -->"
 
 

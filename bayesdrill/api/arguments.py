@@ -236,7 +236,7 @@ class ExperimentPlanner:
 
     @staticmethod
     def check_design_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` if `folder` cannot take a design; call it before the slow `design`."""
+        """Raise `InputError` if a design cannot be saved in `folder`; call it before `design`."""
         refuse_other_text(Path(folder).expanduser(), DESIGN, force=force)
 
     def design(

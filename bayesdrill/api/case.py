@@ -200,7 +200,7 @@ class Case(arguments.ExperimentPlanner, Value):
         Parameters
         ----------
         path : str or path
-            The file to write, a .pdf, .png or .svg; several experiments add their names to it.
+            The file to write, a .pdf, .png or .svg.  Names of several experiments are added to it.
 
         Returns
         -------
@@ -262,7 +262,7 @@ class Case(arguments.ExperimentPlanner, Value):
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` if `folder` cannot take findings; call it before slow profiles."""
+        """Raise `InputError` if findings cannot be saved in `folder`; call it before `identify`."""
         refuse_other_text(Path(folder).expanduser(), IDENTIFY, force=force)
 
     def find_map(

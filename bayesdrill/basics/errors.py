@@ -43,7 +43,7 @@ class InputError(Exception):
 
     def __init__(self, problems: Sequence[Issue]) -> None:
         self.problems = tuple(problems)
-        super().__init__(self.problems)  # unpickling in a process calls `__init__` with this tuple
+        super().__init__(self.problems)  # unpickling calls `__init__` with this tuple
 
     def __str__(self) -> str:
         return "\n".join(str(problem) for problem in self.problems)

@@ -20,7 +20,7 @@ from bayesdrill.basics.errors import did_you_mean, was_stopped
 
 @cache
 def public_names(package: str) -> dict[str, str]:
-    """Return the modules of a package's public names, from its imports under `TYPE_CHECKING`."""
+    """Return the module of each public name of a package, from imports under `TYPE_CHECKING`."""
     tree = ast.parse(inspect.getsource(sys.modules[package]))
     blocks = (node.body for node in tree.body if isinstance(node, ast.If))
     imports = (node for body in blocks for node in body if isinstance(node, ast.ImportFrom))
@@ -46,10 +46,10 @@ def check_callable(_: str, member: Any) -> None:
 
 
 class Registry[T](Mapping[str, T]):
-    """A registry maps names to members of the kind `what`, also from entry points.
+    """A registry maps names to members of the kind `what`, including those of entry points.
 
     Members of this package come first.  A member of another package is loaded at its first use;
-    `ValueError` is raised if this fails.  It is ignored if a member of this package has its name.
+    `ValueError` is raised if this fails.  It is ignored if a member of this package has this name.
     """
 
     def __init__(

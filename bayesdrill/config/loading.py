@@ -98,7 +98,7 @@ def read_document[T](kind: type[T], source: Source) -> T:
 def load_vocabulary(source: Source) -> Vocabulary:
     """Return the vocabulary of a config's rig; raises `InputError` if `model:` has mistakes.
 
-    Mistakes in a rig with fixed symbols are reported later, together with all other mistakes.
+    If the rig's symbols do not depend on `model:`, all mistakes are reported later, together.
     """
     data, kinds = source.data, MODELS.usable()
     entry = data.get("model") if isinstance(data, Mapping) else None
@@ -154,7 +154,7 @@ def _load_several(
     if alone or source.data[EXPERIMENTS]:
         first = next(iter(resolved.values()), None)
         config, errors = read_config(whole, words, None if first is None else first.validated)
-        problems += [  # mistakes elsewhere were found in the single experiments
+        problems += [  # mistakes in other sections were reported for each experiment
             source.issue(location, message_of(item, location))
             for location, item in _by_location(errors, source).items()
             if location and location[0] in (EXPERIMENTS, *SHARING_KEYS)
@@ -169,7 +169,7 @@ def _load_several(
 
 
 def _by_location(errors: list[EntryError], source: Source) -> dict[Location, EntryError]:
-    """Return the last error of each entry, since a union reports an error for each member."""
+    """Return the last error of each entry, since pydantic reports one for each type of a union."""
     return {_location(item["loc"], source.data): item for item in errors}
 
 

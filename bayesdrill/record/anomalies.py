@@ -1,4 +1,4 @@
-"""Find errors of sensors: spikes, stuck or clipped values, wraps, and speeds from differences.
+"""Find errors of sensors: spikes, stuck or clipped values, wraps, and speeds that are differences.
 
 In a spike, a signal departs and returns within a few samples, with similar slopes. Spikes of up to
 three samples are compared with the chord between their neighbours, and longer spikes with a running
@@ -22,7 +22,7 @@ MAX_SHORT_SPIKE = 3  # longest spike, in samples, that is compared with a chord
 MAX_LONG_SPIKES = (6, 20)  # longest spikes, in samples, for two running medians
 
 # Thresholds beyond which a departure is a spike.
-MIN_SPIKE_SDS = 2.0  # height of a short spike, in sds of the channel
+MIN_SPIKE_SDS = 2.0  # least height of a short spike, in sds of the channel
 SWING_WINDOW = 6  # half width of the window searched for a swing / longest length of the spike
 MIN_DEPARTURE = 5.0  # least ratio of a short spike's height to departures around it
 AROUND_SPIKE = 60  # samples on either side whose departures are compared with a spike
@@ -41,7 +41,7 @@ MIN_CLIPPED_RUN = 3  # least number of samples of a run at the largest or smalle
 MIN_CLIPPED_SAMPLES = 10  # least number of samples of all such runs
 MIN_CLIPPED_STEP = 2.5  # least step before a run / resolution; steps near a smooth peak are smaller
 WRAP_MARGIN = 0.1  # in periods: a jump this near to half a period has no clear direction
-FILTER_REACH = 3  # samples on either side that a filter may use
+FILTER_REACH = 3  # samples on either side that a differentiating filter may use
 STRETCH = 1 << 20  # number of samples in a part that is searched at once
 OVERLAP = 4096  # number of additional samples on either side of such a part
 MAX_NUMPY_MEDIAN = 10_000  # for fewer samples NumPy is faster than importing SciPy's median
@@ -162,7 +162,7 @@ def _running_median(x: Array, size: int) -> Array:
 
 
 def _short_spikes(x: Array, width: int, caused: Flags) -> Flags:
-    """Mark runs `(T,)` of `width` samples that are far on one side of their neighbours' chord."""
+    """Mark runs `(T,)` of `width` samples far above or far below the chord of their neighbours."""
     departure = _chord_departure(x, width)
     height = np.maximum(np.maximum(departure.min(axis=0), -departure.max(axis=0)), 0.0)
     min_height = max(MIN_SPIKE_SDS * float(np.std(x)), MIN_DEPARTURE * _median_step(x))

@@ -92,7 +92,7 @@ def union(clocks: Sequence[Array]) -> Array:
 
 
 def crowded_time(t: Array, clocks: Sequence[Array]) -> float:
-    """Return the first time in `t`, a union, that is much too close to the next one, or NaN."""
+    """Return the first time in the union `t` that nearly equals the next time, or NaN."""
     close = np.flatnonzero(np.diff(t) < STEP_TOLERANCE * min(map(median_step, clocks)))
     return float(t[close[0]]) if len(close) else math.nan
 

@@ -1,4 +1,4 @@
-"""Define an experiment: a record in SI with its inputs and initial state, checked only once."""
+"""Define an experiment: a checked record in SI, with its inputs and its initial state."""
 
 from __future__ import annotations
 

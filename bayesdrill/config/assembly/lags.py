@@ -21,7 +21,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 def without_sensors(
     experiment: Experiment, sensing: ObservationModel, numbers: Iterable[ParsedNumber]
 ) -> Experiment:
-    """Return the experiment, corrected for gains and offsets; unknown ones have start values."""
+    """Correct an experiment for gains and offsets; unknown gains and offsets have start values."""
     values = {n.name: n.value if isinstance(n.value, float) else n.start for n in numbers}
     y = experiment.y.copy()
     for k, channel in enumerate(experiment.channels):
@@ -43,7 +43,7 @@ def start_beyond_lags(
 ) -> Experiment:
     """Return the experiment without samples that depend on motion or inputs outside the record.
 
-    If the rig moves at the start, the first samples of a late sensor show motion before the start.
+    If the rig moves at the start, the first samples of a sensor with a lag show earlier motion.
     If an input is recorded too late, the last samples depend on the input after the record's end.
     """
     y, notes = np.array(experiment.y), list(experiment.notes)

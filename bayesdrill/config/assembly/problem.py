@@ -123,7 +123,7 @@ def _sensors_and_observation(
 def build_simulator(
     resolved: ResolvedExperiment, experiment: Experiment
 ) -> tuple[Simulator, list[ParsedNumber]]:
-    """Return the simulator of one experiment, and the numbers of its sensors and initial state."""
+    """Return the simulator of one experiment, and the gains, offsets, lags and initial states."""
     model, sensing, free = resolved.model, resolved.sensing, resolved.free_states
     errors = IssueCollector(resolved.source, frozenset())
     late = {e: n for e, n in resolved.sensor_numbers.items() if e.kind in ("lag", "delay")}

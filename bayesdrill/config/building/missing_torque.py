@@ -1,4 +1,4 @@
-"""Build the missing torque: where it acts, its size and its correlation time."""
+"""Build the missing torque, a Gaussian process: where it acts, its size, its correlation time."""
 
 from __future__ import annotations
 

@@ -168,7 +168,7 @@ def _saturated_or_stuck(
 def _anomaly(
     column: RecordColumn, spans: Spans, rows: NDArray[np.intp], text: str, do: str
 ) -> Anomaly:
-    """Return an anomaly at the places `spans`; `{}` in `do` is replaced by the column's entry."""
+    """Return an anomaly at the places `spans`; `{}` in `do` stands for the column's location."""
     where = tuple(_span_label(column.clock, spans, rows, k) for k in range(len(spans)))
     return Anomaly(
         text=text, positions=where, advice=do.format(".".join(map(str, column.location)))

@@ -43,7 +43,7 @@ from bayesdrill.record.experiment import (
 )
 from bayesdrill.record.formats.csv import CsvOptions
 
-MAX_LEAD = 1000  # largest lead / record length; a longer lead suggests dates or times of day
+MAX_LEAD = 1000  # (time before the first sample / record length) above which times may be dates
 
 
 def csv_options(record: RecordSpec) -> CsvOptions:

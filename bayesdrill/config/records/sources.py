@@ -68,7 +68,7 @@ def path_of(resolved: ResolvedExperiment, file: FileSpec | None = None) -> Path:
 
 
 def paths(resolved: ResolvedExperiment) -> list[Path]:
-    """Return the paths of all files of an experiment, the record's own first, each once."""
+    """Return the paths of all files of an experiment, each once, the file of the record first."""
     files = dict.fromkeys([None, *map(file_of, file_entries(resolved.config).values())])
     return [path_of(resolved, file) for file in files]
 

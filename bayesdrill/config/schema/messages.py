@@ -145,7 +145,7 @@ def _keys_at(error: EntryError) -> list[str]:
 
 
 def _sections(annotation: Any) -> list[Mapping[str, Any]]:
-    """Return the annotations of the keys, for each kind of mapping that an annotation allows."""
+    """Return, for each kind of mapping that an annotation allows, the annotations of its keys."""
     if isinstance(annotation, type) and issubclass(annotation, PriorSpec):
         return [_entries(family) for family in families_of(annotation) or (annotation,)]
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):

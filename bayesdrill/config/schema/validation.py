@@ -1,4 +1,4 @@
-"""Validate a config; in sections with names of the rig, each symbol has bounds of its own.
+"""Validate a config; in sections whose keys are symbols of the rig, each symbol has its bounds.
 
 The names of a section, and the bounds of their numbers, depend on the rig's vocabulary. The classes
 in `config` and `records` define all other entries.
@@ -32,7 +32,7 @@ from bayesdrill.config.schema.vocabulary import HOUSE, Vocabulary
 Place = tuple[str, ...]
 EntryError = dict[str, Any]  # the form of pydantic's errors; see `read_entry`
 
-# Classes of the sections with names of the rig, and of the sections that contain such sections.
+# Classes of the sections whose keys are symbols of the rig, and of sections that contain them.
 SECTIONS: Mapping[Place, type[Strict]] = {
     (): Config,
     ("parameters",): Parameters,

@@ -179,7 +179,7 @@ def quoted(text: str) -> str:
 
 
 def without_empty_tail(lines: TextLines, dialect: Dialect) -> TextLines:
-    """Drop lines like `;;;;` that spreadsheets add at the end; elsewhere samples are missing."""
+    """Drop final lines like `;;;;` of spreadsheets; elsewhere such lines are missing samples."""
     count = len(lines.texts)
     while count > 1 and not lines.texts[count - 1].strip(f' "{dialect.separator or ""}'):
         count -= 1
@@ -284,7 +284,7 @@ class _Faults:
 
 
 def parse(body: TextLines, dialect: Dialect, names: Sequence[str]) -> Array:
-    """Parse all rows as `(T, n)`; raises InputError with every kind of fault."""
+    """Parse all rows as `(T, n)`; raises InputError with faults of every kind."""
     ragged = _Faults("rows with a wrong number of cells")
     bad = _Faults("cells without a number")
     parts = []

@@ -46,7 +46,7 @@ class RecordTable:
 
     @property
     def numbers(self) -> Counts:
-        """Return the numbers `(T,)` of the rows, as messages give them."""
+        """Return the row numbers `(T,)` that messages give."""
         longest = max(map(len, self.variables.values()), default=0)
         return np.arange(1, longest + 1) if self.lines is None else self.lines
 
