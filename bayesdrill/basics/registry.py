@@ -48,8 +48,8 @@ def check_callable(_: str, member: Any) -> None:
 class Registry[T](Mapping[str, T]):
     """A registry maps names to members of the kind `what`, including those of entry points.
 
-    Members of this package come first.  A member of another package is loaded at its first use;
-    `ValueError` is raised if this fails.  It is ignored if a member of this package has this name.
+    Members of this package come first.  A member of another package is loaded at its first use, or
+    `ValueError` is raised.  It is ignored if it has the name of a member of this package.
     """
 
     def __init__(

@@ -110,9 +110,9 @@ def load_vocabulary(source: Source) -> Vocabulary:
     section, wrong = read_entry(ModelSpec, entry, ("model",))
     if section is not None:
         kind = errors.run(("model", "name"), lookup, MODELS, section.name, "model")
-        vain = {} if kind is None else unknown_keys(("name", "model"), kinds, kind, section)
-        errors.add_all(("model",), vain)
-        if kind is not None and not vain:
+        surplus = {} if kind is None else unknown_keys(("name", "model"), kinds, kind, section)
+        errors.add_all(("model",), surplus)
+        if kind is not None and not surplus:
             rig = errors.run(("model", "name"), build_member, kind, section)
             if words := rig and errors.run(("model", "name"), vocabulary_of, rig):
                 return words

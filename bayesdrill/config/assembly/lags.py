@@ -49,9 +49,9 @@ def start_beyond_lags(
     y, notes = np.array(experiment.y), list(experiment.notes)
     late = sensing.shifts or bool(sensing.input_lags)
     moves, t = late and sensing.may_move(experiment.start, model.angles), experiment.t
-    felt = [ends_of(values[name], LAG_TAIL) for name in sensing.input_lags.values()]
-    first = min([0.0, *(low for low, _ in felt)])
-    last = max([0.0, *(high for _, high in felt)])
+    lag_ends = [ends_of(values[name], LAG_TAIL) for name in sensing.input_lags.values()]
+    first = min([0.0, *(low for low, _ in lag_ends)])
+    last = max([0.0, *(high for _, high in lag_ends)])
     if sensing.delay is not None:
         last += ends_of(values[sensing.delay], LAG_TAIL)[1]
     for k, channel in enumerate(experiment.channels):

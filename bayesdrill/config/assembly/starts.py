@@ -109,7 +109,7 @@ def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
         first, t = y[measured][:N_FIRST_SAMPLES], experiment.t[measured][:N_FIRST_SAMPLES]
         if len(first) < N_FIRST_SAMPLES:
             continue
-        reach = float(np.ptp(y[measured]))
+        width = float(np.ptp(y[measured]))
         if channel.unit in SPEED_UNITS.values():
             size, error = float(np.mean(first)), sigma / math.sqrt(N_FIRST_SAMPLES)
             unit = channel.unit
@@ -117,10 +117,10 @@ def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
             spread = float(np.sqrt(((t - t.mean()) ** 2).sum()))
             slope = float(np.polyfit(t - t.mean(), first, 1)[0])
             size, error, unit = slope, sigma / spread, SPEED_UNITS[channel.unit]
-            reach = reach / float(experiment.t[-1] - experiment.t[0])
+            width = width / float(experiment.t[-1] - experiment.t[0])
         else:
             continue
-        if abs(size) > MIN_MOTION_OVER_NOISE * error and abs(size) > MIN_MOTION_SHARE * reach:
+        if abs(size) > MIN_MOTION_OVER_NOISE * error and abs(size) > MIN_MOTION_SHARE * width:
             raise ValueError(
                 f"it begins in motion ({channel.name} starts with a speed of {size:.3g} {unit}), "
                 "which `initial:` does not describe; write `initial: free`, `initial: steady`, or the "

@@ -28,7 +28,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalNumbers:
-    """The local numbers of an experiment are those of sensors, initial state, noise and torque."""
+    """The local numbers of an experiment are gains, offsets, lags, states, noise and torque."""
 
     # None stands for a prior from the record, and for a number with a mistake.
     numbers: Mapping[str, float | Prior | Unknown | None]
@@ -71,7 +71,7 @@ class ResolvedExperiment:
 
     label: str
     config: Config  # as if this experiment were the only one
-    source: Source  # the experiment's entries, and the path to which its relative paths refer
+    source: Source  # the experiment's entries, and the path of the config
     model: Model
     nominal: NominalValues
     rig_numbers: RigNumbers

@@ -38,7 +38,7 @@ def split_experiments(source: Source) -> dict[str, Source]:
 
 
 def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str, Any]:
-    """Return the joint config: entries of the first experiment, and `experiments:` with each."""
+    """Return the joint config: entries of the first experiment, and `experiments:` with all."""
     named = source.data[EXPERIMENTS]
     named = dict(named) if isinstance(named, Mapping) else named
     first = next(iter(sources.values()), source)
@@ -50,7 +50,7 @@ def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str,
 
 
 def joint_name(config: Config, name: str, label: str) -> str:
-    """Return an unknown's joint name: with the label, unless the unknown is shared."""
+    """Return an unknown's joint name, which has the experiment's label unless it is shared."""
     return name if name in config.shared else labelled_name(name, label)
 
 

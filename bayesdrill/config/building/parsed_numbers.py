@@ -102,7 +102,7 @@ def number_in_si(
 ) -> tuple[float | Prior, float]:
     """Return (value or prior, start) in SI; one unit of the entry is `factor` SI units.
 
-    The number has no nominal value, so a relative prior is refused, with `label` and `unit`.
+    A relative prior is refused, as there is no nominal value; the message has `label` and `unit`.
     """
     if isinstance(spec, float | int | numbers.Quantity):
         value = (spec.value if isinstance(spec, numbers.Quantity) else float(spec)) * factor

@@ -27,8 +27,8 @@ def check_settings(errors: IssueCollector, config: Config) -> None:
     """Check the names of optimiser, moves and figures, and the optimiser's entries."""
     kind = errors.run(("map", "method"), lookup, OPTIMISERS, config.map.method, "method")
     if kind is not None:
-        vain = unknown_keys(("method", "method"), OPTIMISERS.usable(), kind, config.map)
-        errors.add_all(("map",), vain)
+        surplus = unknown_keys(("method", "method"), OPTIMISERS.usable(), kind, config.map)
+        errors.add_all(("map",), surplus)
     weights = config.sampler.moves
     for name in weights:
         errors.run(("sampler", "moves", name), lookup, MOVES, name, "move")

@@ -221,8 +221,8 @@ def report_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn
             other = "it was not compared, as it has other times or units"
             sources.notes.append(f"{not_counted}; {other}")
             continue
-        kind, mismatch, times = comparison
-        like = f"{times:.4g} times the {kind} difference quotient of {origin} up to {mismatch:.2g}"
+        kind, mismatch, scale = comparison
+        like = f"{scale:.4g} times the {kind} difference quotient of {origin} up to {mismatch:.2g}"
         like += " of its rms"
         sources.notes.append(f"{not_counted}; it is {like}")
         if mismatch > MAX_DERIVATIVE_MISMATCH:
@@ -255,7 +255,7 @@ def _compare_with_quotients(
     t = column.clock.t[in_both]
     slope = next(iter(anomalies.quotients(x, t).values()))
     size = float(slope @ slope)
-    times = float(slope @ w[1:-1]) / size if size > 0 else 0.0
-    if times == 0.0:
+    scale = float(slope @ w[1:-1]) / size if size > 0 else 0.0
+    if scale == 0.0:
         return None
-    return (*anomalies.nearest_quotient(times * x, w, t), times)
+    return (*anomalies.nearest_quotient(scale * x, w, t), scale)

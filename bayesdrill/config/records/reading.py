@@ -66,7 +66,7 @@ def read(resolved: ResolvedExperiment, files: Files | None = None) -> Experiment
 
 
 def _origin(resolved: ResolvedExperiment) -> tuple[object, ...]:
-    """Return all entries that determine the record of an experiment, as a key."""
+    """Return all entries that determine the record of an experiment, for comparisons."""
     config = resolved.config
     measured = dict.fromkeys((*SensorFields.model_fields, "sigma", "noise"))
     columns = {

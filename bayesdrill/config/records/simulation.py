@@ -191,7 +191,7 @@ def check_target(text: str, target: Path, read: Sequence[Path], *, force: bool) 
 
 
 def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
-    """Return times and inputs of `simulation:` or of the record; its channels are not used."""
+    """Return times and inputs of `simulation:` or of the record; the channels are not used."""
     config = resolved.config
     simulation: Any = config.simulation
     series = list(config.measured_inputs)

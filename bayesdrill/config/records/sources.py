@@ -246,7 +246,7 @@ class Sources:
         clock = Clock(table, raw[rows], rows, in_window[rows], len(raw))
         issues = check_time(self.label(time_place), clock.t, clock.where)
         self.issues += issues
-        # Wrong times are kept, so that mistakes in the columns are reported at the same time.
+        # Wrong times are kept, so that mistakes in the columns are reported together with them.
         return clock if issues else dataclasses.replace(clock, t=on_grid(clock.t))
 
     def _read(self, location: Location, file: FileSpec | None) -> RecordTable | None:
