@@ -80,7 +80,7 @@ def _tell_version(wanted: bool) -> None:
 
 
 def _read(config: Path, read: str = "load", **more: Any) -> Any:
-    """Read a config with the API function `read`; on a terminal, show that this takes place."""
+    """Read a config with the API function `read`; on a terminal, show which config is read."""
     watched = sys.stderr is not None and sys.stderr.isatty()
     with reporter() if watched else nullcontext(SILENT) as report:
         report.update(0.0, f"reading {config}")
@@ -107,7 +107,7 @@ def _run(
 
 
 def _compare(form: str, folders: list[Path], output: Path | None, *, force: bool) -> None:
-    """Compare runs; `form`, `overlay` or `comparison`, is also the stem of the table files."""
+    """Compare runs; `form` (`overlay` or `comparison`) is also the stem of the table files."""
     from bayesdrill.api import comparison
 
     path = comparison.check_folder(form, folders, output, force=force)

@@ -186,7 +186,7 @@ def output_names(folder: Path, kind: Kind) -> list[str]:
 
 
 def misplaced_paths(folder: Path, kind: Kind) -> list[Issue]:
-    """Return an issue for each path that should be a file or folder of a run, but is not."""
+    """Return an issue for each path where a file or folder of a run is something else."""
     files = dict.fromkeys((LOCK, *output_names(folder, kind)), ("a file", "which no run writes"))
     folders = dict.fromkeys(kind.folders, ("a folder", "where a run has a folder of its own"))
     return [

@@ -134,6 +134,6 @@ def _no_path(location: str, value: str | PathLike[str]) -> Iterator[Issue]:
         Path(value).expanduser().lstat()
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         pass
-    except (OSError, ValueError, TypeError, RuntimeError) as error:  # RuntimeError: no home
+    except (OSError, ValueError, TypeError, RuntimeError) as error:  # RuntimeError: no home folder
         reason = getattr(error, "strerror", None) or error
         yield Issue(location, f"this cannot be a path ({reason}); give another")

@@ -76,7 +76,7 @@ class ErrorCollector:
 
 @contextmanager
 def report_damage(place: str, message: str) -> Iterator[None]:
-    """Turn any error of a file reader into an `InputError`; `{}` in `message` is the reason."""
+    """Turn any error of a reader into an `InputError`, with the reason at `{}` in `message`."""
     try:
         yield
     except InputError:

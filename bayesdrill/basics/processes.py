@@ -62,8 +62,8 @@ def environment(changes: Mapping[str, str]) -> Iterator[None]:
 def start_server() -> BaseContext:
     """Start the server if it does not run, and return a context that starts workers.
 
-    The function does not wait for the server.  Workers are spawned if the server cannot start, such
-    as if the temporary directory, which has its socket, has a path of more than about 80 bytes.
+    The function does not wait for the server.  Workers are spawned if the server cannot start.  The
+    path of the temporary directory, which has the server's socket, may have about 80 bytes at most.
     """
     with STARTING:
         # If a run is killed, the resource tracker removes its semaphores and warns about them.  The

@@ -41,7 +41,7 @@ def display_unit(unit: str, si: str | None = None, latex: str = "") -> Unit:
 
 
 def factor(unit: str, si: str) -> float:
-    """Return the number of `si` in one `unit`; raises `ValueError` with a message for the user."""
+    """Return the number of units `si` in one `unit`; raises `ValueError` with a message."""
     if unit == si:
         return 1.0
     same_kind = [common for common, (kind, _) in _COMMON.items() if kind == si]

@@ -169,7 +169,7 @@ def _load_several(
 
 
 def _by_location(errors: list[EntryError], source: Source) -> dict[Location, EntryError]:
-    """Return the last error of each entry, since pydantic reports one for each type of a union."""
+    """Return the last error of each entry; pydantic reports an error for each type of a union."""
     return {_location(item["loc"], source.data): item for item in errors}
 
 

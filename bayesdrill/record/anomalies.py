@@ -254,7 +254,7 @@ def _is_spike(x: Array, away: Array, at: tuple[int, int, int], longest: int) -> 
 
 
 MAX_NOISE_RATIO = 0.02  # largest ratio of residual sds of a speed: fit with / without angle steps
-MIN_DIFFERENCED_SAMPLES = 50  # least number of samples for `differenced`
+MIN_DIFFERENCED_SAMPLES = 50  # least number of samples for comparisons with differences
 MAX_FILTER_POLE = 0.95  # largest weight of a filter's last value; 1 would be an integrator
 
 

@@ -38,7 +38,7 @@ def split_experiments(source: Source) -> dict[str, Source]:
 
 
 def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str, Any]:
-    """Return the joint config: entries of the first experiment, and `experiments:` with all."""
+    """Return the joint config: entries of the first experiment, and all experiments by name."""
     named = source.data[EXPERIMENTS]
     named = dict(named) if isinstance(named, Mapping) else named
     first = next(iter(sources.values()), source)

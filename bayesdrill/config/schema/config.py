@@ -53,7 +53,7 @@ class MissingTorqueSpec(Strict):
     """A missing torque is absent from the rig's equations and modelled as a Gaussian process."""
 
     at: str
-    """The inertia on which the torque acts; with a gear, the torque on the inertia's side."""
+    """The inertia on which the torque acts; with a gear, its size counts on that inertia's side."""
     smoothness: Literal["1/2", "3/2"] = "3/2"
     """Smoothness of the Matern process: 1/2 is rough, 3/2 is differentiable."""
     size: SigmaSpec = Field(
