@@ -266,7 +266,7 @@ class Config(Strict):
         return self._vocabulary
 
     def input_entry(self, name: str) -> str:
-        """Return the key in `inputs:` for input `name`: `name`, or the imposed angle of this speed."""
+        """Return the key in `inputs:` of input `name`: `name`, or the imposed angle of a speed."""
         angle = self.vocabulary.imposed.get(name, name)
         return name if self.inputs.get(angle) is None else angle
 
