@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.train import Train as Train
     from bayesdrill.tasks.identify import Findings as Findings
 
-# SciPy's Fourier transforms fail if one of these variables is no number of threads.
+# SciPy's Fourier transforms fail if one of these variables is set, but not to a number.
 for _name in ("OMP_NUM_THREADS", "DUCC0_NUM_THREADS"):
     if not re.fullmatch(r"\s*\+?\d{1,9}\s*", os.environ.get(_name, "1")):
         del os.environ[_name]

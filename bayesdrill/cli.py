@@ -20,7 +20,7 @@ from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_
 
 
 class _Guarded(TyperGroup):
-    """Run all commands; any error, also in `--help`, ends with a message and an exit status."""
+    """Run all commands; any error, also in `--help`, becomes a message and an exit status."""
 
     def make_context(self, *arguments: Any, **named: Any) -> Any:
         with guarded():
@@ -73,14 +73,14 @@ def command[F: Callable[..., None]](example: str, name: str | None = None) -> Ca
 
 
 def _tell_version(wanted: bool) -> None:
-    """Print the version and stop; as the option is eager, it needs no command."""
+    """Print the version and stop; the option is eager, so no command has to follow."""
     if wanted:
         typer.echo(f"bayesdrill {bd.__version__}")
         raise typer.Exit
 
 
 def _read(config: Path, read: str = "load", **more: Any) -> Any:
-    """Read a config with the API function `read`; on a terminal, show this while libraries load."""
+    """Read a config with the API function `read`; on a terminal, show which config is read."""
     watched = sys.stderr is not None and sys.stderr.isatty()
     with reporter() if watched else nullcontext(SILENT) as report:
         report.update(0.0, f"reading {config}")
@@ -99,7 +99,7 @@ def _run(
 
         mode(resume=True, force=True)  # raises an error before the record is read
     if (options["processes"] or available_processors()) > 1:
-        with suppress(OSError):  # the pool of workers reports the error
+        with suppress(OSError):  # the pool of workers will report the error
             start_server()  # the server loads libraries while this process reads
     case = _read(config, read, **(arguments or {}))
     with saved_in(case.place(output)), reporter() as report:
@@ -107,7 +107,7 @@ def _run(
 
 
 def _compare(form: str, folders: list[Path], output: Path | None, *, force: bool) -> None:
-    """Compare runs; `form` is `overlay` or `comparison`, and also the stem of the tables' files."""
+    """Compare runs; `form` (`overlay` or `comparison`) is also the stem of the table files."""
     from bayesdrill.api import comparison
 
     path = comparison.check_folder(form, folders, output, force=force)
@@ -398,7 +398,7 @@ def report(
     ],
     output: Annotated[
         Path | None,
-        output_option("Default: for one run its folder, for several results/<name>-<name>."),
+        output_option("Default: the folder of the run; for several runs, results/<name>-<name>."),
     ] = None,
     force: Force = False,
     pdf: Annotated[
@@ -426,7 +426,7 @@ def compare(
     output: Annotated[Path | None, output_option("Default: results/compare-<name>-<name>.")] = None,
     force: Force = False,
 ) -> None:
-    """Say which model of a record is more probable, and whether rig or noise makes a difference."""
+    """Say which model of a record is more probable, and whether rig or noise is the reason."""
     _compare("comparison", folders, output, force=force)
 
 
@@ -555,7 +555,7 @@ def cache(clear: Annotated[bool, option("Remove all kernels.", "--clear")] = Fal
 
 
 def main() -> None:
-    """Run the command in the arguments of this process."""
+    """Run the command that the arguments of this process name."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # file names may not be valid Unicode
             stream.reconfigure(errors="backslashreplace")

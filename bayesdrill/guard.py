@@ -27,8 +27,8 @@ from bayesdrill.basics.registry import blamed_package
 INPUT_WRONG = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130
-MOST_PROBLEMS = 15  # upper limit of listed input errors
-LONGEST_LINE = 400  # upper limit of the characters of a message
+MOST_PROBLEMS = 15  # largest number of input errors that are listed
+LONGEST_LINE = 400  # largest number of characters of a message
 LEAST_MEMORY = 512 * 1024**2  # bytes; the libraries alone occupy this much
 STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
 KILLED = "a worker process was killed (out of memory?); fewer --processes need less"
@@ -88,7 +88,7 @@ def _drop_unwritten() -> None:
 
 
 def say(text: str, *, err: bool = False) -> None:
-    """Print lines on stdout, or on stderr, with unprintable characters of file names escaped."""
+    """Print lines on stdout, or on stderr if `err`; unprintable characters are replaced."""
     typer.echo(errors.printable(text), err=err)
 
 
@@ -107,8 +107,8 @@ def finish(outcome: Any, *, verbose: bool = False) -> None:
         raise typer.Exit(INPUT_WRONG)
 
 
-# Seconds without output after which a line is printed. A check every `SILENCE / 10` keeps commands
-# from being silent for 10 s.
+# Seconds without output after which a line is printed. The check is repeated every `SILENCE / 10`,
+# so no command is silent for 10 s.
 SILENCE = 8.0
 
 
@@ -158,7 +158,7 @@ def _interruptible() -> Iterator[None]:
     """Raise `KeyboardInterrupt` at the first Ctrl-C, SIGTERM or SIGHUP; ignore further signals.
 
     A second signal would stop the clean-up. Signals that were ignored before (nohup) stay ignored.
-    Python discards exceptions inside `__del__`; such a signal is sent again 0.01 s later.
+    Python discards exceptions inside `__del__`; a signal lost there is sent again after 0.01 s.
     """
     numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
@@ -208,7 +208,7 @@ def saved_in(folder: Path, way_out: str = "go on with --resume") -> Iterator[Non
 
 
 def _reason(error: OSError) -> str:
-    # `error.strerror` is no short text for errors of HDF5.
+    # For errors of HDF5, `error.strerror` is a long text.
     return f"cannot be written or read: {os.strerror(error.errno) if error.errno else error}"
 
 

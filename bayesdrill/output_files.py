@@ -71,7 +71,7 @@ def numbered[T](stem: str, items: Sequence[T]) -> dict[str, T]:
     return {f"{stem}_{k}": item for k, item in enumerate(items, start=1)}
 
 
-FORMATS = ("pdf", "png", "svg")  # of figures
+FORMATS = ("pdf", "png", "svg")  # file formats of figures
 DEFAULT_FORMATS = FORMATS[:2]
 
 
@@ -180,13 +180,13 @@ LADDER = Kind(  # models of one record, each with a posterior in its own folder
 
 
 def output_names(folder: Path, kind: Kind) -> list[str]:
-    """Return entries of `folder` with names of this kind, also links; `kept_files` are skipped."""
+    """Return names in `folder` of files that a run of this kind writes, except its `kept_files`."""
     names = _names(folder, ("", *kind.folders))
     return [name for name in names if kind.is_output(name) and not _matches(name, kind.kept_files)]
 
 
 def misplaced_paths(folder: Path, kind: Kind) -> list[Issue]:
-    """Return an issue for each path of a run's file or folder at which something else exists."""
+    """Return an issue for each path where a file or folder of a run is something else."""
     files = dict.fromkeys((LOCK, *output_names(folder, kind)), ("a file", "which no run writes"))
     folders = dict.fromkeys(kind.folders, ("a folder", "where a run has a folder of its own"))
     return [
@@ -246,7 +246,7 @@ def digest(path: Path) -> str:
 def atomic_write(path: Path) -> Iterator[Path]:
     """Yield a temporary path; after a success, this file replaces `path` and gets its mode bits."""
     refuse_other_than_file(path)
-    # No other thread of any process has this number, so the name is unique.
+    # No two threads, of any processes, have the same number, so the name is unique.
     aside = path.with_name(f".{path.stem}.{threading.get_native_id()}.aside{path.suffix}")
     try:
         yield aside
@@ -335,15 +335,15 @@ def refuse_other_text(folder: Path, kind: Kind, *, force: bool) -> None:
 
 
 def text_mark(kind: Kind) -> str:
-    """Return the first line of the text in a folder of this kind, by which it is recognised."""
+    """Return the first line of the text in a folder of this kind, which identifies the folder."""
     return f"<!-- bayesdrill {kind.job} -->"
 
 
 def refuse_endless(path: Path) -> None:
-    """Raise `InputError` for devices and pipes, also behind links, as opening may never end."""
+    """Raise `InputError` for devices and pipes, also behind links: opening them may never end."""
     try:
         mode = path.stat().st_mode
-    except (OSError, ValueError):  # its reader reports a missing file or a NUL in the path
+    except (OSError, ValueError):  # the file's reader reports a missing file or a NUL in the path
         return
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
         raise InputError.at(str(path), "is a device or a pipe, which may have no end; give a file")
@@ -385,7 +385,7 @@ MOST_MEASURED = 50_000_000  # numbers of a record: samples times channels
 MOST_GUESSED = 1_000_000  # samples that `init` reads
 MOST_OF_CHAIN = 64_000_000  # numbers of a chain, half a gigabyte
 LEAST_STEPS = 200  # steps for which a chain must have room
-MOST_PREDICTED = 20_000_000  # predicted numbers (80 MB); as many log likelihoods are kept, too
+MOST_PREDICTED = 20_000_000  # predicted numbers (80 MB); the same number of log likelihoods is kept
 LEAST_PREDICTED = 25  # predicted draws per ensemble; fewer draws do not resolve the tails
 
 
@@ -450,7 +450,7 @@ def dumps_checksummed(data: Mapping[str, Any]) -> str:
 
 
 def loads_checksummed(content: bytes) -> dict[str, Any]:
-    """Return entries that were dumped with a checksum; raises `ValueError` if it does not match."""
+    """Return entries dumped with a checksum; raises `ValueError` if the checksum does not match."""
     try:
         data = json.loads(content.decode("utf-8"))
         seal = data.pop(CHECKSUM, None) if isinstance(data, dict) else None

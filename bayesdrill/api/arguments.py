@@ -99,7 +99,7 @@ def results_folder(folder: str | Path | None, default: Path) -> Path:
 
 
 def workers(processes: int | None) -> int:
-    """Return the number of processes, by default that of processors; raises `InputError`."""
+    """Return the number of processes, by default one per processor; raises `InputError`."""
     if processes is None:
         return available_processors()
     count = integer("processes", processes, 1)
@@ -236,7 +236,7 @@ class ExperimentPlanner:
 
     @staticmethod
     def check_design_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` if `folder` cannot take a design; call it before the slow `design`."""
+        """Raise `InputError` if a design cannot be saved in `folder`; call it before `design`."""
         refuse_other_text(Path(folder).expanduser(), DESIGN, force=force)
 
     def design(
@@ -277,7 +277,7 @@ class ExperimentPlanner:
         hold : float, optional
             The time in s for which each level is held; by default duration / 40.
         duration, rate : float, optional
-            The length in s and sampling rate in Hz of the new record; by default as in the old one.
+            Length in s and sampling rate in Hz of the new record; by default those of the old one.
         slew : float, optional
             The largest change of the input in SI per second; by default unlimited.
         limits : str or sequence of str

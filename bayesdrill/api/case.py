@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 VALUES = "a number in SI, or several, for each unknown"
 
-POINTS_AT_ONCE = 50  # largest number of points; some noises need memory for points x samples
+POINTS_AT_ONCE = 50  # points evaluated at once; some noises need memory for points x samples
 
 
 def _figure_file(job: Job, option: str, path: str | Path) -> Path:
@@ -189,7 +189,7 @@ class Case(arguments.ExperimentPlanner, Value):
         >>> case.draw_rig("rig.svg")
         'figure: rig.svg'
         """
-        from bayesdrill.report.rig_drawing import save_rig  # late: it loads what draws
+        from bayesdrill.report.rig_drawing import save_rig  # late: it loads matplotlib
 
         problem, to = self.job.problem, _figure_file(self.job, "--figure", path)
         return f"figure: {save_rig(problem.model, to)}"
@@ -200,7 +200,7 @@ class Case(arguments.ExperimentPlanner, Value):
         Parameters
         ----------
         path : str or path
-            The file to write, a .pdf, .png or .svg; several experiments add their names to it.
+            The file to write, a .pdf, .png or .svg.  Names of several experiments are added to it.
 
         Returns
         -------
@@ -212,7 +212,7 @@ class Case(arguments.ExperimentPlanner, Value):
         InputError
             If the name has another ending, or the file is part of the record.
         """
-        from bayesdrill.report.sections.fit import save_record  # late: it loads what draws
+        from bayesdrill.report.sections.fit import save_record  # late: it loads matplotlib
 
         to = _figure_file(self.job, "--figure-record", path)
         written = save_record(self.job.problem, to)
@@ -235,8 +235,8 @@ class Case(arguments.ExperimentPlanner, Value):
         profiles : str or sequence of str
             The unknowns whose profile likelihoods are computed, or `"all"`.
         at : Best, optional
-            The maximum at which the sensitivities are evaluated.  By default, this is at the start
-            values or, if the rig does not move with them, at a draw from the priors.
+            The maximum at which the sensitivities are evaluated.  By default, they are evaluated at
+            the start values or, if the rig does not move with them, at a draw from the priors.
         report : Reporter, optional
             Receives the progress, see `sample`.
 
@@ -262,7 +262,7 @@ class Case(arguments.ExperimentPlanner, Value):
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` if `folder` cannot take findings; call it before slow profiles."""
+        """Raise `InputError` if findings cannot be saved in `folder`; call it before `identify`."""
         refuse_other_text(Path(folder).expanduser(), IDENTIFY, force=force)
 
     def find_map(

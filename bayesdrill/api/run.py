@@ -57,7 +57,7 @@ def _as_png(figure: Figure) -> bytes:
 
 
 def _drawing(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> Figure:
-    """Return drawing number `part`, from 1; the message if it does not exist ends with `count`."""
+    """Return drawing number `part`, from 1; if there is none, the message ends with `count`."""
     from bayesdrill.report.style import warned  # late: matplotlib takes a second
 
     if not 1 <= part <= len(drawings):
@@ -131,7 +131,7 @@ class Best(Value):
         """
         workers, job = arguments.workers(processes), self.job.with_steps_at(self.mode)
         if not self._report.warning:
-            workers = 1  # after a good fit few models are tried, faster than workers start
+            workers = 1  # after a good fit few models are tried; to start workers would take longer
         with WorkerPool(self.job.problem.posterior, workers) as pool:
             how = job, self.mode, self._report.residuals, pool.submit_function, report or SILENT
             causes = conclusions.causes(*how)
@@ -167,7 +167,7 @@ class Best(Value):
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` if `folder` cannot take a maximum; call it before slow searches."""
+        """Raise `InputError` if a maximum cannot be saved in `folder`; call it before searches."""
         find_map.check_place(Path(folder).expanduser(), force=force)
 
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
@@ -207,8 +207,8 @@ class Candidates(Value):
     ----------
     ranked : tuple of Cause
         The models, the recommended model first; empty if the config fits.  Each has `parts`, a
-        sentence `about` it, the `lines` to add to a config, and the `fit` of each channel.  Its
-        `gain` is that of the log posterior; `bayes` is the log Bayes factor (Laplace's method).
+        text `about` them, the `lines` to add to a config, and the `fit` of each channel.  `gain`
+        is the increase of the log posterior, and `bayes` the log Bayes factor (Laplace's method).
     table : str
         A text table of the models.
     recommended : Cause or None
@@ -301,7 +301,7 @@ class Run(arguments.ExperimentPlanner, SampledRun):
 
     @property
     def evidence(self) -> Evidence | None:
-        """Return the evidence: `log_z` (natural logarithm) with its standard `error`; or None."""
+        """Return the evidence: `log_z` (natural logarithm) with its standard `error`, or None."""
         return self.sampled.evidence
 
     @property

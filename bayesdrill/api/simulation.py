@@ -48,7 +48,7 @@ def simulate(
 ) -> Simulated:
     """Simulate the record of a config, the response with noise, and write it as CSV.
 
-    A campaign is written with all records, their table and the true parameters (`truth.csv`).
+    For a campaign, write all records, their table and the true parameters (`truth.csv`).
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Check types of arguments against annotations, and whether a string can be a path.
 
-Each decorated function checks ranges and names itself.  `pydantic.validate_call` is not used: it
+Decorated functions check ranges and names themselves.  `pydantic.validate_call` is not used: it
 needs types that are imported only for type checkers, and a schema for each class of arguments.
 """
 
@@ -134,6 +134,6 @@ def _no_path(location: str, value: str | PathLike[str]) -> Iterator[Issue]:
         Path(value).expanduser().lstat()
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         pass
-    except (OSError, ValueError, TypeError, RuntimeError) as error:  # RuntimeError: ~ without home
+    except (OSError, ValueError, TypeError, RuntimeError) as error:  # RuntimeError: no home folder
         reason = getattr(error, "strerror", None) or error
         yield Issue(location, f"this cannot be a path ({reason}); give another")

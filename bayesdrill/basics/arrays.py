@@ -16,7 +16,7 @@ PART = 1 << 18  # largest number of samples that are processed at once, to limit
 
 
 class _Stored:
-    """The annotation tells pydantic to read lists of one or two levels as an array of floats."""
+    """The annotation tells pydantic to read a list, or a list of lists, as an array of floats."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, *_: Any) -> Any:

@@ -114,7 +114,7 @@ def elementwise(
 
 
 class Number(ABC):
-    """A number of a derived class implements the functions of this module itself."""
+    """Numbers of derived classes implement the functions of this module themselves."""
 
     __slots__ = ()
 
@@ -193,7 +193,7 @@ def size(number: Any) -> Any:
 
 
 def signed(number: Any, like: Any) -> Any:
-    """Return a nonnegative number with the sign of `like`."""
+    """Give a nonnegative number the sign of `like`."""
     if isinstance(number, Number) and not isinstance(like, Dual):
         return number.signed(like)
     return where(below(like, 0.0), -number, number)

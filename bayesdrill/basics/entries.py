@@ -48,7 +48,7 @@ Latex = Annotated[str, Field(max_length=200)]  # Matplotlib draws longer texts v
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class NoEntries:
-    """Members that have no entries in a config have this class."""
+    """Members without entries in a config use this class, which is empty."""
 
 
 @functools.cache

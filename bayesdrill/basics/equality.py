@@ -11,7 +11,7 @@ import numpy as np
 
 
 class Value:
-    """A value is a frozen dataclass (`eq=False`), equal by its fields; pickles omit caches.
+    """A value is a frozen dataclass (`eq=False`), compared by its fields; pickles omit caches.
 
     With `repr=False`, `repr` returns the same text as `str`.
     """
@@ -25,7 +25,7 @@ class Value:
         return equal_content(self, other) if type(other) is type(self) else NotImplemented
 
     def __hash__(self) -> int:
-        return hash(type(self))  # fields may be unhashable; sets are small
+        return hash(type(self))  # fields may be unhashable; sets of values are small
 
     def __getstate__(self) -> dict[str, Any]:
         fields = dataclasses.fields(self)  # type: ignore[arg-type]  # subclasses are dataclasses

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 MAX_VALUE_LETTERS = 60  # largest number of letters of a value in a message
-MAX_REASON_LETTERS = 120  # largest number of letters from a library's message, often too long
+MAX_REASON_LETTERS = 120  # largest number of letters quoted from a library's message
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class InputError(Exception):
 
     def __init__(self, problems: Sequence[Issue]) -> None:
         self.problems = tuple(problems)
-        super().__init__(self.problems)  # unpickling in another process calls `__init__` with it
+        super().__init__(self.problems)  # unpickling calls `__init__` with this tuple
 
     def __str__(self) -> str:
         return "\n".join(str(problem) for problem in self.problems)
@@ -62,7 +62,7 @@ class ErrorCollector:
 
     @contextmanager
     def collect(self, product: str) -> Iterator[None]:
-        """Add any error in the block to `missing`; errors of disk, memory or workers raise."""
+        """Add any error in the block to `missing`; errors of disk, memory or workers propagate."""
         try:
             yield
         except (OSError, MemoryError, BrokenExecutor):
@@ -76,7 +76,7 @@ class ErrorCollector:
 
 @contextmanager
 def report_damage(place: str, message: str) -> Iterator[None]:
-    """Turn any error of a file reader into an `InputError`; `{}` in `message` is its reason."""
+    """Turn any error of a reader into an `InputError`, with the reason at `{}` in `message`."""
     try:
         yield
     except InputError:

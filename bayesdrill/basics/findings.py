@@ -1,4 +1,4 @@
-"""Define findings: data on what looks wrong; `report` makes their sentences."""
+"""Define findings: data on what looks wrong; `report` turns them into sentences."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class Expression:
 
     @property
     def positive(self) -> bool:
-        """Return whether positive quantities make the formula surely positive; False for sums."""
+        """Return whether positive names surely give a positive value; sums are not examined."""
         return _is_positive(self.tree)
 
     def renamed(self, names: Mapping[str, str]) -> Expression:
@@ -103,7 +103,7 @@ class RelationError(ValueError):
 
 
 def resolve_relations(relations: Mapping[str, Expression]) -> dict[str, Expression]:
-    """Substitute relations into each other, until free names remain; raises `RelationError`."""
+    """Substitute relations into each other until only free names remain; raises `RelationError`."""
     done: dict[str, Expression] = {}
 
     def resolve(name: str, path: tuple[str, ...]) -> Expression:

@@ -21,9 +21,9 @@ from multiprocessing.context import BaseContext
 
 FORKED = sys.platform == "linux"
 SPAWN = multiprocessing.get_context("spawn")
-PRELOADED = "bayesdrill.sampling.preloaded"  # module with which the server loads libraries
+PRELOADED = "bayesdrill.sampling.preloaded"  # module whose import loads the libraries
 STOPPING = ("SIGINT", "SIGHUP", "SIGTERM")
-# Libraries start no threads in the server, so that it can be forked, nor in its workers.
+# Keep libraries single-threaded in the server, so that it can be forked, and in its workers.
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
 STARTING = threading.Lock()  # several threads may start workers at the same time
 
@@ -62,8 +62,8 @@ def environment(changes: Mapping[str, str]) -> Iterator[None]:
 def start_server() -> BaseContext:
     """Start the server if it does not run, and return a context that starts workers.
 
-    The function does not wait for the server.  If the server cannot start, workers are spawned: its
-    socket needs a temporary directory whose path has at most about 80 bytes.
+    The function does not wait for the server.  Workers are spawned if the server cannot start.  The
+    path of the temporary directory, which has the server's socket, may have about 80 bytes at most.
     """
     with STARTING:
         # If a run is killed, the resource tracker removes its semaphores and warns about them.  The

@@ -15,7 +15,7 @@ from bayesdrill.basics.errors import printable
 
 @runtime_checkable
 class Reporter(Protocol):
-    """A reporter shows the progress of long work; any single thread at a time may call it."""
+    """A reporter shows the progress of long work; threads may call it one at a time."""
 
     def say(self, text: str) -> None:
         """Print a line."""

@@ -20,7 +20,7 @@ from bayesdrill.basics.errors import did_you_mean, was_stopped
 
 @cache
 def public_names(package: str) -> dict[str, str]:
-    """Return the modules of a package's public names, from its imports under `TYPE_CHECKING`."""
+    """Return the module of each public name of a package, from imports under `TYPE_CHECKING`."""
     tree = ast.parse(inspect.getsource(sys.modules[package]))
     blocks = (node.body for node in tree.body if isinstance(node, ast.If))
     imports = (node for body in blocks for node in body if isinstance(node, ast.ImportFrom))
@@ -46,10 +46,10 @@ def check_callable(_: str, member: Any) -> None:
 
 
 class Registry[T](Mapping[str, T]):
-    """A registry maps names to members of the kind `what`, also from entry points.
+    """A registry maps names to members of the kind `what`, including those of entry points.
 
-    Members of this package come first.  A member of another package is loaded at its first use, and
-    raises `ValueError` if this fails.  It cannot replace a member of this package by its name.
+    Members of this package come first.  A member of another package is loaded at its first use, or
+    `ValueError` is raised.  It is ignored if it has the name of a member of this package.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ _entry_points = cache(entry_points)  # a search of all installed packages takes 
 
 
 def blamed_package(error: BaseException) -> str:
-    """Return a message that names the extension in which an error arose; empty if none did."""
+    """Return a message that names the extension in which an error arose, or an empty text."""
     text = "".join(traceback.format_exception(error))  # includes the traceback in a worker
     for entry_point in _entry_points():
         top = entry_point.module.partition(".")[0]

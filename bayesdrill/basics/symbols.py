@@ -34,7 +34,7 @@ class Symbol:
     held: Literal["positive", "not negative", "any"] = "positive"
     at_most: float = math.inf
     typical: str = ""
-    drives: bool = field(default=False, repr=False)  # fingerprints of runs contain the `repr`
+    drives: bool = field(default=False, repr=False)  # not in `repr`, as fingerprints of runs use it
 
     @property
     def signed(self) -> bool:

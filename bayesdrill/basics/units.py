@@ -41,7 +41,7 @@ def display_unit(unit: str, si: str | None = None, latex: str = "") -> Unit:
 
 
 def factor(unit: str, si: str) -> float:
-    """Return how many `si` one `unit` is; raises `ValueError` with a message for the user."""
+    """Return the number of units `si` in one `unit`; raises `ValueError` with a message."""
     if unit == si:
         return 1.0
     same_kind = [common for common, (kind, _) in _COMMON.items() if kind == si]
@@ -60,8 +60,8 @@ def factor(unit: str, si: str) -> float:
         return 2 * math.pi / int(counts[1])
     if counts := _COUNT_OF_LENGTH.fullmatch(unit.strip()):
         return _believable(factor(counts[2], si) / float(counts[1]))
-    if share := _PERCENT.fullmatch(unit.strip()):
-        return _believable(factor(share[2], si) * float(share[1]) / 100)
+    if percent := _PERCENT.fullmatch(unit.strip()):
+        return _believable(factor(percent[2], si) * float(percent[1]) / 100)
     unreadable = f"unit '{shortened(unit)}' cannot be read; write for example {examples}"
     if not _written_as_a_unit(unit):
         raise ValueError(unreadable)
@@ -76,7 +76,7 @@ def factor(unit: str, si: str) -> float:
         raise ValueError(other_kind) from None
     except Exception:  # pint raises many types of exceptions for malformed text
         raise ValueError(unreadable) from None
-    if not _same_base(quantity, wanted):  # in pint, angles, counts, bits and cycles are numbers
+    if not _same_base(quantity, wanted):  # for pint, angles, counts and bits are plain numbers
         why = "as the angle of one such unit is unknown"
         raise ValueError(f"unit '{unit}' is not a unit of {si}, {why}; write {examples}")
     return value
@@ -171,7 +171,7 @@ _COMPUTED = re.compile(r"#\s*#|\*\*|\^|(?<![^\W\d])(\d\d|[02-9])|1\s*#")
 
 
 def _written_as_a_unit(unit: str) -> bool:
-    """Return whether a text has only names with at most one small power each, and the number 1.
+    """Return whether a text has only names, each with at most one small power, and the number 1.
 
     Pint gets no other text: it would compute `9**9**9`, and ignore comments and quotes.
     """

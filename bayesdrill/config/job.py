@@ -65,7 +65,7 @@ class Job:
         return assemble(loading.validate(source, self.case), self.files)
 
     def with_steps_at(self, mode: Mode) -> Job:
-        """Return the job with the integration steps chosen at `mode`; linear rigs have none."""
+        """Return the job with the integration steps chosen at `mode`; linear rigs need none."""
         if not mode.pieces:
             return self
         posterior = step_error.with_steps(self.problem.posterior, mode.pieces)

@@ -49,7 +49,7 @@ def check(symbol: Symbol) -> None:
 
 
 def _check_latex(text: str) -> None:
-    """Raise `ValueError` for text that would leave its formula, its table cell or its line."""
+    """Raise `ValueError` for text that would end its formula, its table cell or its line."""
     if not text.isprintable():
         raise ValueError("a character that cannot be printed")
     for name in _COMMAND.findall(text):

@@ -31,7 +31,7 @@ from bayesdrill.config.yaml_source import IssueCollector, Location, Source, read
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 
-_FILE = "x.csv"  # stands for a missing name of the record's file
+_FILE = "x.csv"  # replaces the name of the record's file if it is missing
 
 
 def _stand_ins(words: Vocabulary) -> dict[Location, Any]:
@@ -49,8 +49,8 @@ def _stand_ins(words: Vocabulary) -> dict[Location, Any]:
     }
 
 
-FRICTION_WALKERS = 96  # default for nonlinear rigs, whose likelihood is expensive
-WALKERS_PER_EXPERIMENT = 16  # added because each experiment may have unknowns of its own
+FRICTION_WALKERS = 96  # default number for nonlinear rigs, whose likelihood is expensive
+WALKERS_PER_EXPERIMENT = 16  # added for each experiment, which may have unknowns of its own
 NO_EXPERIMENT = (
     "no experiment stands here; name each, such as `slow: {record: {file: slow.csv}}`, or remove "
     "this entry"
@@ -98,7 +98,7 @@ def read_document[T](kind: type[T], source: Source) -> T:
 def load_vocabulary(source: Source) -> Vocabulary:
     """Return the vocabulary of a config's rig; raises `InputError` if `model:` has mistakes.
 
-    Mistakes in a rig with fixed symbols are reported later, together with all other mistakes.
+    If the rig's symbols do not depend on `model:`, all mistakes are reported later, together.
     """
     data, kinds = source.data, MODELS.usable()
     entry = data.get("model") if isinstance(data, Mapping) else None
@@ -110,9 +110,9 @@ def load_vocabulary(source: Source) -> Vocabulary:
     section, wrong = read_entry(ModelSpec, entry, ("model",))
     if section is not None:
         kind = errors.run(("model", "name"), lookup, MODELS, section.name, "model")
-        vain = {} if kind is None else unknown_keys(("name", "model"), kinds, kind, section)
-        errors.add_all(("model",), vain)
-        if kind is not None and not vain:
+        surplus = {} if kind is None else unknown_keys(("name", "model"), kinds, kind, section)
+        errors.add_all(("model",), surplus)
+        if kind is not None and not surplus:
             rig = errors.run(("model", "name"), build_member, kind, section)
             if words := rig and errors.run(("model", "name"), vocabulary_of, rig):
                 return words
@@ -154,7 +154,7 @@ def _load_several(
     if alone or source.data[EXPERIMENTS]:
         first = next(iter(resolved.values()), None)
         config, errors = read_config(whole, words, None if first is None else first.validated)
-        problems += [  # mistakes elsewhere were found in the single experiments
+        problems += [  # mistakes in other sections were reported for each experiment
             source.issue(location, message_of(item, location))
             for location, item in _by_location(errors, source).items()
             if location and location[0] in (EXPERIMENTS, *SHARING_KEYS)
@@ -169,7 +169,7 @@ def _load_several(
 
 
 def _by_location(errors: list[EntryError], source: Source) -> dict[Location, EntryError]:
-    """Return the last error of each entry, as a union reports one error for each member."""
+    """Return the last error of each entry; pydantic reports an error for each type of a union."""
     return {_location(item["loc"], source.data): item for item in errors}
 
 
@@ -218,7 +218,7 @@ def _check_remaining(
 
 
 def _intended_location(error: EntryError, location: Location, hint: str) -> Location | None:
-    """Return the location of the key that a misspelt key was meant to be; None for other errors."""
+    """Return the location of the correct key for a misspelt key; None for other errors."""
     suggestion = hint.rpartition("did you mean ")[2].rstrip("?")
     misspelt = error["type"] == "extra_forbidden" and suggestion != hint
     return (*location[:-1], suggestion) if misspelt else None
@@ -235,7 +235,7 @@ def _remove(data: Any, location: Location) -> None:
 
 
 def _location(loc: tuple[str | int, ...], data: Any) -> Location:
-    """Return the path as the user wrote it, without the tags of pydantic's unions."""
+    """Return a location as the user wrote it, without the tags of pydantic's unions."""
     location: list[str | int] = []
     node = data
     for index, part in enumerate(loc):

@@ -1,4 +1,4 @@
-"""Find errors of sensors: spikes, stuck or clipped values, wraps, and speeds from differences.
+"""Find errors of sensors: spikes, stuck or clipped values, wraps, and speeds that are differences.
 
 In a spike, a signal departs and returns within a few samples, with similar slopes. Spikes of up to
 three samples are compared with the chord between their neighbours, and longer spikes with a running
@@ -22,26 +22,26 @@ MAX_SHORT_SPIKE = 3  # longest spike, in samples, that is compared with a chord
 MAX_LONG_SPIKES = (6, 20)  # longest spikes, in samples, for two running medians
 
 # Thresholds beyond which a departure is a spike.
-MIN_SPIKE_SDS = 2.0  # height of a short spike, in sds of the channel
-SWING_WINDOW = 6  # samples on either side in which a swing is sought, in lengths of a long spike
+MIN_SPIKE_SDS = 2.0  # least height of a short spike, in sds of the channel
+SWING_WINDOW = 6  # half width of the window searched for a swing / longest length of the spike
 MIN_DEPARTURE = 5.0  # least ratio of a short spike's height to departures around it
 AROUND_SPIKE = 60  # samples on either side whose departures are compared with a spike
-AROUND_QUANTILE = 0.95  # quantile of these departures, since they may include other spikes
+AROUND_QUANTILE = 0.95  # quantile of these departures; their maximum may be another spike
 MIN_LONG_DEPARTURE = 6.0  # least ratio of a long spike's height to the typical departure
 TYPICAL_QUANTILE = 0.9  # quantile of departures that is called typical
 MAX_SLOPE_RATIO = 3.0  # largest ratio of the slopes on the way out and back
-MAX_SWING = 0.3  # ratio of the opposite peak to a spike, above which both are an oscillation
+MAX_SWING = 0.3  # largest (height of the opposite peak / height of a spike), else an oscillation
 MAX_RETURN_ERROR = 0.35  # largest ratio of (value after - value before) to a spike's height
-INPUT_JUMP = 0.2  # least change of an input in one step that is a jump, relative to its range
+INPUT_JUMP = 0.2  # least (change in one step / range) of an input that counts as a jump
 MAX_JUMP_SHARE = 0.1  # fraction of samples with jumps above which jumps explain no spike
 MIN_SAMPLES = 60  # fewer samples are not searched for spikes
 MIN_STUCK_RUN = 10  # least number of equal samples
 MAX_ZERO_STEPS = 0.05  # largest fraction of zero steps in a channel that has noise
-MIN_CLIPPED_RUN = 3  # least number of samples of a run at an end of the range
+MIN_CLIPPED_RUN = 3  # least number of samples of a run at the largest or smallest value
 MIN_CLIPPED_SAMPLES = 10  # least number of samples of all such runs
-MIN_CLIPPED_STEP = 2.5  # least step before a run / last digit; steps are smaller at a peak
+MIN_CLIPPED_STEP = 2.5  # least step before a run / resolution; steps near a smooth peak are smaller
 WRAP_MARGIN = 0.1  # in periods: a jump this near to half a period has no clear direction
-FILTER_REACH = 3  # samples on either side that a filter may use
+FILTER_REACH = 3  # samples on either side that a differentiating filter may use
 STRETCH = 1 << 20  # number of samples in a part that is searched at once
 OVERLAP = 4096  # number of additional samples on either side of such a part
 MAX_NUMPY_MEDIAN = 10_000  # for fewer samples NumPy is faster than importing SciPy's median
@@ -162,7 +162,7 @@ def _running_median(x: Array, size: int) -> Array:
 
 
 def _short_spikes(x: Array, width: int, caused: Flags) -> Flags:
-    """Mark runs `(T,)` of `width` samples that are far on one side of their neighbours' chord."""
+    """Mark runs `(T,)` of `width` samples far above or far below the chord of their neighbours."""
     departure = _chord_departure(x, width)
     height = np.maximum(np.maximum(departure.min(axis=0), -departure.max(axis=0)), 0.0)
     min_height = max(MIN_SPIKE_SDS * float(np.std(x)), MIN_DEPARTURE * _median_step(x))
@@ -190,7 +190,7 @@ def _chord_departure(x: Array, width: int) -> Array:
 
 
 def leaves_chord(x: Array, first: int, last: int) -> float:
-    """Return the distance of samples `first` to `last` from their chord, in typical distances."""
+    """Return the distance of samples `first` to `last` from their chord / the typical distance."""
     if first < 1 or last > len(x) - 2:
         return 0.0
     departure = np.abs(_chord_departure(x, last - first + 1)).max(axis=0)
@@ -225,7 +225,7 @@ def _spikes(x: Array, longest: int, caused: Flags) -> Flags:
 
 
 def _foot(away: Array, peak: int, typical: float, longest: int) -> tuple[int, int]:
-    """Return first and last sample of the run around `peak` with departures above the `typical`."""
+    """Return first and last sample of the run around `peak` with departures above `typical`."""
     begin = end = peak
     while begin > 0 and away[begin - 1] > typical and peak - begin <= 2 * longest:
         begin -= 1
@@ -253,8 +253,8 @@ def _is_spike(x: Array, away: Array, at: tuple[int, int, int], longest: int) -> 
     )
 
 
-MAX_NOISE_RATIO = 0.02  # largest ratio of a speed's residual sds with / without angle steps
-MIN_DIFFERENCED_SAMPLES = 50  # fewer samples do not show differences
+MAX_NOISE_RATIO = 0.02  # largest ratio of residual sds of a speed: fit with / without angle steps
+MIN_DIFFERENCED_SAMPLES = 50  # least number of samples for comparisons with differences
 MAX_FILTER_POLE = 0.95  # largest weight of a filter's last value; 1 would be an integrator
 
 
@@ -271,7 +271,7 @@ def unwrap(x: Array, period: float) -> tuple[Array, int]:
 
 
 def held_speeds(x: Array, t: Array) -> Array:
-    """Return the speeds `(T,)` of an angle that is linear between samples; the last one is repeated."""
+    """Return the speeds `(T,)` of an angle that is linear between samples; the last is repeated."""
     speeds = np.diff(x) / np.diff(t)
     return np.append(speeds, speeds[-1:] if len(speeds) else 0.0)
 
@@ -289,7 +289,7 @@ def quotients(x: Array, t: Array) -> dict[str, Array]:
 
 
 def nearest_quotient(x: Array, w: Array, t: Array) -> tuple[str, float]:
-    """Return the name of the difference quotient of `x` nearest to `w (T,)`, and its distance."""
+    """Return name and relative distance of the difference quotient of `x` nearest to `w (T,)`."""
     middle = w[1:-1]
     size = float(np.sqrt(np.mean(middle**2))) or 1.0
     mismatch = {
@@ -303,7 +303,7 @@ def nearest_quotient(x: Array, w: Array, t: Array) -> tuple[str, float]:
 def differenced(x: Array, w: Array, dt: float) -> bool:
     """Return whether `w (T,)` consists of (filtered) differences of `x` and was not measured.
 
-    A measured `w`, predicted from its past, has a residual that steps of `x` nearby do not explain.
+    A measured `w`, predicted from its past, has a residual that nearby steps of `x` do not explain.
     """
     if len(x) < MIN_DIFFERENCED_SAMPLES or not np.any(np.diff(w)):
         return False
@@ -316,5 +316,5 @@ def differenced(x: Array, w: Array, dt: float) -> bool:
     past = lagged(w, range(1, reach + 1))
     _, alone = linear_fit(now, past)
     factors, both = linear_fit(now, past[:1] + lagged(step, range(-reach, reach + 1)))
-    rough = alone > (1e-9 * float(np.ptp(w))) ** 2  # a smaller residual is rounding
+    rough = alone > (1e-9 * float(np.ptp(w))) ** 2  # a smaller residual is a rounding error
     return rough and both < MAX_NOISE_RATIO**2 * alone and float(factors[0]) < MAX_FILTER_POLE

@@ -92,7 +92,7 @@ def union(clocks: Sequence[Array]) -> Array:
 
 
 def crowded_time(t: Array, clocks: Sequence[Array]) -> float:
-    """Return the first time in `t`, a union, that is much too close to the next one, or NaN."""
+    """Return the first time in the union `t` that nearly equals the next time, or NaN."""
     close = np.flatnonzero(np.diff(t) < STEP_TOLERANCE * min(map(median_step, clocks)))
     return float(t[close[0]]) if len(close) else math.nan
 
@@ -126,12 +126,12 @@ def hold_input(t: Array, clock: Array, values: Array, *, first_order: bool) -> A
 
 TAPS_PER_FACTOR = 20  # (length of the filter - 1) / factor
 CUTOFF_SHARE = 0.8  # (frequency at which half the amplitude passes) / (new Nyquist frequency)
-KAISER_BETA = 8.0  # gain 1 (to 1e-5) below 0.5, < 1e-4 above 1.2 times the new Nyquist frequency
+KAISER_BETA = 8.0  # gain 1 (to 1e-5) below 0.5, < 1e-4 above 1.2, times the new Nyquist frequency
 
 
 @dataclass(frozen=True, slots=True)
 class DecimatedSignals:
-    """Decimated signals are `y (n, K)` at `samples (n,)`; `removed (K,)`: sds of what is lost."""
+    """Decimated signals are `y (n, K)` at `samples (n,)`; `removed (K,)`: sds of removed parts."""
 
     y: Array
     samples: Indices
@@ -149,7 +149,7 @@ def cutoff(factor: int, dt: float) -> float:
 
 
 def decimated(y: Array, factor: int) -> DecimatedSignals:
-    """Filter `y (T, K)` by a Kaiser-window FIR and decimate it; it needs equal steps, no NaN.
+    """Filter `y (T, K)`, with equal steps and no NaN, by a Kaiser-window FIR, and decimate it.
 
     Samples within half the filter length of an end are dropped.
     """

@@ -1,4 +1,4 @@
-"""Define an experiment: a record in SI with its inputs and initial state, checked only once."""
+"""Define an experiment: a checked record in SI, with its inputs and its initial state."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bayesdrill.basics.units import SECOND, Unit
 EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # range of Excel's and MATLAB's numbers for recent days
 MAX_REPEATED_TIMES = 0.1  # fraction of zero steps above which times have too few digits
 MAX_VALUE = 1e40  # allows 9.91e37, SCPI's NaN, which may be masked as a glitch
-STEP_TOLERANCE = 1e-3  # relative deviation of a time step from the median one
+STEP_TOLERANCE = 1e-3  # largest deviation of a step, or of a time from its grid, in median steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +73,7 @@ class Experiment:
 
     Times `t (T,)` are the increasing times of all clocks. Signals `y (T, K)` have a column for each
     channel, with NaN if a sample is missing. Inputs are `constant`, or a measured `series (T,)`
-    with a first- or zero-order hold. `start` has the states at `t_start <= t[0]`, others are zero.
+    with a first- or zero-order hold. `start` has states at `t_start <= t[0]`; all others are zero.
     `notes` lists changes that were made to numbers of the files. Samples in
     `held_out (T, K)`, which is NaN elsewhere, do not enter the likelihood. `input_steps` has the
     median step [s] of each series; the default is `dt`.
@@ -96,7 +96,7 @@ class Experiment:
 
     @property
     def dt(self) -> float:
-        """Return the time step [s]; the median one if steps differ."""
+        """Return the time step [s]; the median step if steps differ."""
         if self.uniform:
             return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
         return float(np.median(np.diff(self.t)))
@@ -171,7 +171,7 @@ def is_even(t: Array) -> bool:
 def with_states(
     experiment: Experiment, states: Sequence[str], *, alone: bool = False
 ) -> Experiment:
-    """Return the experiment with a zero channel for each state, added to others or `alone`."""
+    """Return the experiment with a zero channel per state, after its own channels or `alone`."""
     shown = tuple(
         Channel(name=f"state {name}", weights={name: 1.0}, unit="", latex="", latex_unit="")
         for name in states
@@ -183,9 +183,9 @@ def with_states(
 
 
 def channels_first(experiment: Experiment, states: Sequence[str], rig_states: Array) -> Array:
-    """Return error-free channels, computed from `rig_states (..., X)`, followed by these.
+    """Return error-free channels, computed from `rig_states (..., X)`, and then the states.
 
-    A kernel that computes states thus serves all channels.
+    A kernel that computes only states thus serves all channels.
     """
     with np.errstate(all="ignore"):  # a state may overflow
         channels = rig_states @ experiment.weights(tuple(states)).T
@@ -285,7 +285,7 @@ def calendar_hint(t: Array) -> str:
 
 
 def check_length(location: str, counts: Sequence[int], n_unknown: int) -> list[Issue]:
-    """Check that there are more samples than unknowns, and that a channel has two samples."""
+    """Check that there are more samples than unknowns, and that some channel has two samples."""
     if max(counts) >= 2 and sum(counts) > n_unknown:
         return []
     length = f"{count_noun(max(counts), 'sample')} of {count_noun(len(counts), 'channel')}"

@@ -21,7 +21,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 def without_sensors(
     experiment: Experiment, sensing: ObservationModel, numbers: Iterable[ParsedNumber]
 ) -> Experiment:
-    """Return the experiment corrected for gains and offsets, with start values of unknown ones."""
+    """Correct an experiment for gains and offsets; unknown gains and offsets have start values."""
     values = {n.name: n.value if isinstance(n.value, float) else n.start for n in numbers}
     y = experiment.y.copy()
     for k, channel in enumerate(experiment.channels):
@@ -32,7 +32,7 @@ def without_sensors(
 
 
 LAG_TAIL = 1e-6  # prior probability that a lag is longer than the omitted time
-LAG_TAIL_BEYOND_RECORD = 0.025  # prior probability in each tail beyond the lags that are checked
+LAG_TAIL_BEYOND_RECORD = 0.025  # prior probability of each tail that `check_lag` disregards
 
 
 def start_beyond_lags(
@@ -43,15 +43,15 @@ def start_beyond_lags(
 ) -> Experiment:
     """Return the experiment without samples that depend on motion or inputs outside the record.
 
-    If the rig moves at the start, the first samples of a late sensor show motion before the start.
+    If the rig moves at the start, the first samples of a sensor with a lag show earlier motion.
     If an input is recorded too late, the last samples depend on the input after the record's end.
     """
     y, notes = np.array(experiment.y), list(experiment.notes)
     late = sensing.shifts or bool(sensing.input_lags)
     moves, t = late and sensing.may_move(experiment.start, model.angles), experiment.t
-    felt = [ends_of(values[name], LAG_TAIL) for name in sensing.input_lags.values()]
-    first = min([0.0, *(low for low, _ in felt)])
-    last = max([0.0, *(high for _, high in felt)])
+    lag_ends = [ends_of(values[name], LAG_TAIL) for name in sensing.input_lags.values()]
+    first = min([0.0, *(low for low, _ in lag_ends)])
+    last = max([0.0, *(high for _, high in lag_ends)])
     if sensing.delay is not None:
         last += ends_of(values[sensing.delay], LAG_TAIL)[1]
     for k, channel in enumerate(experiment.channels):

@@ -27,8 +27,8 @@ from bayesdrill.record.experiment import Experiment, raise_if_any
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.contract import Simulator
 
-MAX_SHOWN_TIME = 1e4  # largest time that is shown in the record's unit; others are in seconds
-SEARCH_STEPS = 4  # upper limit of steps per sample in the MAP search; the MAP may need more
+MAX_SHOWN_TIME = 1e4  # largest time that is shown in the record's unit; longer times are shown in s
+SEARCH_STEPS = 4  # upper limit of integration steps per sample in the MAP search
 
 
 def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
@@ -123,7 +123,7 @@ def _sensors_and_observation(
 def build_simulator(
     resolved: ResolvedExperiment, experiment: Experiment
 ) -> tuple[Simulator, list[ParsedNumber]]:
-    """Return the simulator of one experiment, and the numbers of its sensors and initial state."""
+    """Return the simulator of one experiment, and the gains, offsets, lags and initial states."""
     model, sensing, free = resolved.model, resolved.sensing, resolved.free_states
     errors = IssueCollector(resolved.source, frozenset())
     late = {e: n for e, n in resolved.sensor_numbers.items() if e.kind in ("lag", "delay")}

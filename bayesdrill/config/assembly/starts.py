@@ -24,7 +24,7 @@ def free_start(name: str, experiment: Experiment, model: Model, values: Named) -
     """Return a normal prior of a free initial state: the mean is the first sample, sd = 2 width.
 
     The width is the range (max - min) of the state's channel, or else of channels with its unit.
-    Without them it is the state's equilibrium at `values`. Raises `ValueError` for a zero width.
+    Without such channels, it is the equilibrium at `values`. Raises `ValueError` for a zero width.
     """
     symbol = model.symbols[name]
     middle, width = _measured_start(symbol, experiment)
@@ -75,7 +75,7 @@ def _span_of_unit(experiment: Experiment, unit: str) -> float:
 
 
 def _driven_width(name: str, experiment: Experiment, model: Model, values: Named) -> float:
-    """Return a state's size in equilibrium with the largest inputs, or speeds if no input acts."""
+    """Return a state's equilibrium for the largest inputs or, if none acts, the largest speeds."""
     linear = model.linear(values)
     decay = abs(float(linear.A.get((name, name), 0.0)))
     largest = {n: abs(x) for n, x in experiment.constant.items()}
@@ -86,13 +86,13 @@ def _driven_width(name: str, experiment: Experiment, model: Model, values: Named
         if row == name
     )
     if push == 0:
-        turning = [n for n in model.states if model.symbols[n].unit in SPEED_UNITS.values()]
-        for turns in turning:
-            unit = model.symbols[turns].unit
+        speed_states = [n for n in model.states if model.symbols[n].unit in SPEED_UNITS.values()]
+        for state in speed_states:
+            unit = model.symbols[state].unit
             channels = _channels_of_unit(experiment, unit)
-            speeds = [float(np.abs(y / w[turns]).max()) for w, y in channels if w.get(turns)]
+            speeds = [float(np.abs(y / w[state]).max()) for w, y in channels if w.get(state)]
             speed = max(speeds, default=_span_of_unit(experiment, unit))
-            push = max(push, abs(float(linear.A.get((name, turns), 0.0))) * speed)
+            push = max(push, abs(float(linear.A.get((name, state), 0.0))) * speed)
     return push / decay if decay > 0 else 0.0
 
 
@@ -109,7 +109,7 @@ def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
         first, t = y[measured][:N_FIRST_SAMPLES], experiment.t[measured][:N_FIRST_SAMPLES]
         if len(first) < N_FIRST_SAMPLES:
             continue
-        reach = float(np.ptp(y[measured]))
+        width = float(np.ptp(y[measured]))
         if channel.unit in SPEED_UNITS.values():
             size, error = float(np.mean(first)), sigma / math.sqrt(N_FIRST_SAMPLES)
             unit = channel.unit
@@ -117,10 +117,10 @@ def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
             spread = float(np.sqrt(((t - t.mean()) ** 2).sum()))
             slope = float(np.polyfit(t - t.mean(), first, 1)[0])
             size, error, unit = slope, sigma / spread, SPEED_UNITS[channel.unit]
-            reach = reach / float(experiment.t[-1] - experiment.t[0])
+            width = width / float(experiment.t[-1] - experiment.t[0])
         else:
             continue
-        if abs(size) > MIN_MOTION_OVER_NOISE * error and abs(size) > MIN_MOTION_SHARE * reach:
+        if abs(size) > MIN_MOTION_OVER_NOISE * error and abs(size) > MIN_MOTION_SHARE * width:
             raise ValueError(
                 f"it begins in motion ({channel.name} starts with a speed of {size:.3g} {unit}), "
                 "which `initial:` does not describe; write `initial: free`, `initial: steady`, or the "

@@ -28,7 +28,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalNumbers:
-    """The local numbers of an experiment define sensors, initial state, noise and torque."""
+    """The local numbers of an experiment are gains, offsets, lags, states, noise and torque."""
 
     # None stands for a prior from the record, and for a number with a mistake.
     numbers: Mapping[str, float | Prior | Unknown | None]
@@ -49,7 +49,7 @@ def local_numbers(
 ) -> LocalNumbers:
     """Return the numbers of the experiment that are not parameters of the rig.
 
-    If a channel has a mistake, only its sigma is listed, and only if it has a prior.
+    If a channel has a mistake, only its sigma is listed, and only if the sigma has a prior.
     """
     numbers_: dict[str, float | Prior | Unknown | None]
     numbers_ = {e.symbol.name: None if x is None else x.value for e, x in sensor_numbers.items()}
@@ -71,7 +71,7 @@ class ResolvedExperiment:
 
     label: str
     config: Config  # as if this experiment were the only one
-    source: Source  # the experiment's entries, and the path to which its relative paths refer
+    source: Source  # the experiment's entries, and the path of the config
     model: Model
     nominal: NominalValues
     rig_numbers: RigNumbers

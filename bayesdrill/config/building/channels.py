@@ -57,8 +57,8 @@ def _check_measured(
         errors.run((*location, "unit"), units.factor, spec.unit, signals[0].unit)
     if errors.run((*location, "noise"), lookup, NOISES, spec.noise.name, "noise") is not None:
         kinds = {name: kind.Entries for name, kind in NOISES.usable().items()}
-        vain = unknown_keys(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
-        errors.add_all((*location, "noise"), vain)
+        surplus = unknown_keys(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
+        errors.add_all((*location, "noise"), surplus)
     if len(errors.issues) > before:
         return None
     if (channel := errors.run(location, build_channel, name, spec, model)) is None:

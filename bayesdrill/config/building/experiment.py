@@ -43,8 +43,8 @@ def build_experiment(
     nominal = errors.run(("nominal", "table"), nominal_table, config, given_nominal)
     rig = sensing = None
     if model is not None:
-        vain = unknown_keys(("name", "model"), MODELS.usable(), type(model), config.model)
-        errors.add_all(("model",), vain)
+        surplus = unknown_keys(("name", "model"), MODELS.usable(), type(model), config.model)
+        errors.add_all(("model",), surplus)
         rig = None if nominal is None else check_rig(errors, config, model, nominal)
         channels = check_channels(errors, config, model)
         free, initial_state = free_states(config, model), check_initial(errors, config, model)
@@ -96,6 +96,6 @@ def _check_own_names(errors: IssueCollector, config: Config, local: LocalNumbers
     """
     for section in ("quantities",) if errors.source.labels else ("quantities", "derived"):
         for name in getattr(config, section):
-            if name in local.numbers and not name.startswith("sigma_"):  # refused elsewhere
+            if name in local.numbers and not name.startswith("sigma_"):  # refused in `quantities`
                 message = "an unknown of a sensor, noise or torque has this name"
                 errors.add((section, name), f"{message}; choose another one")

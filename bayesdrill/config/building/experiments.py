@@ -20,9 +20,9 @@ from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.rig.models.linear import Model
 
 SECTIONS = ("record", "inputs", "initial")  # sections whose entries an experiment may replace
-PARAMETERS = "parameters"  # section of which an experiment may fix entries
+PARAMETERS = "parameters"  # section whose entries an experiment may fix
 EXPERIMENTS = "experiments"
-SHARING_KEYS = ("shared", "own")  # lists of unknowns: one for all experiments, or one for each
+SHARING_KEYS = ("shared", "own")  # unknowns with a common value in all experiments, or one in each
 
 
 def split_experiments(source: Source) -> dict[str, Source]:
@@ -38,7 +38,7 @@ def split_experiments(source: Source) -> dict[str, Source]:
 
 
 def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str, Any]:
-    """Return the joint config: entries of the first experiment, and `experiments:` with each."""
+    """Return the joint config: entries of the first experiment, and all experiments by name."""
     named = source.data[EXPERIMENTS]
     named = dict(named) if isinstance(named, Mapping) else named
     first = next(iter(sources.values()), source)
@@ -50,7 +50,7 @@ def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str,
 
 
 def joint_name(config: Config, name: str, label: str) -> str:
-    """Return an unknown's joint name: with the label, unless the unknown is shared."""
+    """Return an unknown's joint name, which has the experiment's label unless it is shared."""
     return name if name in config.shared else labelled_name(name, label)
 
 
@@ -71,7 +71,7 @@ def experiment_source(source: Source, label: str, local: Mapping[str, Any]) -> S
 
 
 def merged_entries(common: Any, local: Any) -> Any:
-    """Return the common entries, recursively replaced by the `local` ones."""
+    """Return the common entries, recursively replaced by the `local` entries."""
     if not (isinstance(common, Mapping) and isinstance(local, Mapping)):
         return copy.deepcopy(local)
     if _entry_kind(local) and _entry_kind(common) != _entry_kind(local):
@@ -146,7 +146,7 @@ def _check_held(
 
 
 def _check_derived(errors: IssueCollector, joint: ResolvedCase, space: ParameterSpace) -> None:
-    """Check that derived formulas contain only parameters of the joint problem."""
+    """Check that derived formulas contain only names of the joint problem."""
     known = {*space.free, *space.fixed, *space.relations, *symbols.DERIVED, *joint.config.derived}
     for formula in joint.experiments[0].rig_numbers.derived:
         for name in [name for name in formula.expression.names if name not in known]:

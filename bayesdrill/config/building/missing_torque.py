@@ -1,4 +1,4 @@
-"""Build the missing torque: where it acts, its size and its correlation time."""
+"""Build the missing torque, a Gaussian process: where it acts, its size, its correlation time."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def latent_torque_number(config: Config, name: str) -> float | Unknown:
 
 
 def check_latent_torque(model: Model, acts: MissingTorque, sensing: ObservationModel) -> None:
-    """Raise `ValueError` if a rig with these sensors can have no missing torque."""
+    """Raise `ValueError` if no missing torque is possible for a rig with these sensors."""
     if unsupported := ", ".join([*sensing.gains, *sensing.lags]):
         refusal = f"a missing torque allows for no gain and no lag of a sensor ({unsupported})"
         raise ValueError(f"{refusal}; correct the column, or remove this entry")

@@ -19,9 +19,9 @@ from bayesdrill.rig.models.linear import Model, gear_factor
 class NominalValues:
     """Nominal values come from a table, unless the config gives them.
 
-    The verdict compares parameters with `compared`. If the config names no table, the default table
-    may describe another rig. It is then compared as a whole only if the config uses some of its
-    values and gives none. Otherwise only the values in use and the given values are compared.
+    The verdict compares parameters with `compared`. A config that names no table uses the default
+    table, which may describe another rig. All its values are compared only if the config uses some
+    of them and gives no nominal value. Otherwise only used and given values are compared.
     """
 
     values: Mapping[str, float]
@@ -54,7 +54,7 @@ def nominal_value(config: Config, model: Model, name: str) -> float:
 
 
 def nominal_table(config: Config, config_values: Mapping[str, float]) -> NominalValues:
-    """Return the table, updated with `config_values` (SI); raises `ValueError` if it is unknown."""
+    """Return a table, updated with `config_values` (SI); raises `ValueError` for an unknown one."""
     given: Any = config.nominal
     table = given.table or symbols.DEFAULT_NOMINAL
     published_values = lookup(symbols.NOMINAL, table, "nominal table")

@@ -38,7 +38,7 @@ class ParsedNumber:
 
 
 _MAX_TRUNCATION = 5  # largest distance, in sds, of a truncated normal's mean below zero
-MIN_RELATIVE_WIDTH = 1e-9  # a narrower prior contains only a few floating-point numbers
+MIN_RELATIVE_WIDTH = 1e-9  # least (1 to 99 % range) / median; a narrower prior is a fixed value
 
 
 def build_prior(
@@ -102,7 +102,7 @@ def number_in_si(
 ) -> tuple[float | Prior, float]:
     """Return (value or prior, start) in SI; one unit of the entry is `factor` SI units.
 
-    Such a number has no nominal value. The message for a relative prior names `label` and `unit`.
+    A relative prior is refused, as there is no nominal value; the message has `label` and `unit`.
     """
     if isinstance(spec, float | int | numbers.Quantity):
         value = (spec.value if isinstance(spec, numbers.Quantity) else float(spec)) * factor

@@ -29,7 +29,7 @@ def check_record(errors: IssueCollector, config: Config) -> None:
 
 
 def check_series(errors: IssueCollector, location: Location, spec: Series) -> None:
-    """Check the address, the time and the file of a column."""
+    """Check that a column is named, and check its time and its file."""
     _check_address(errors, location, spec)
     check_time(errors, (*location, "time"), spec.time)
     if isinstance(spec.file, FileSpec) and spec.file.format is not None:
@@ -37,7 +37,7 @@ def check_series(errors: IssueCollector, location: Location, spec: Series) -> No
 
 
 def check_time(errors: IssueCollector, location: Location, time: object) -> None:
-    """Check the unit and the address of a column of times."""
+    """Check the unit of a column of times, and that the column is named."""
     if isinstance(time, TimeColumn):
         errors.run((*location, "unit"), units.factor, time.unit, "s")
         _check_address(errors, location, time)

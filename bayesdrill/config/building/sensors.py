@@ -1,4 +1,4 @@
-"""Build the numbers of sensors in SI, and the observation model of an experiment."""
+"""Build gains, offsets and lags of sensors in SI, and the observation model of an experiment."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ SensorNumbers = Mapping[SensorEntry, ParsedNumber | None]  # None for a number w
 def check_sensors(
     errors: IssueCollector, config: Config, model: Model, free: Sequence[str]
 ) -> tuple[SensorNumbers, ObservationModel | None]:
-    """Return the numbers of sensors and initial states, and the observation model."""
+    """Return gains, offsets, lags and initial states, and the observation model."""
     checked = {e: _sensor_number(errors, e) for e in sensor_entries(config, model)}
     sensing = errors.run(("inputs",), build_sensing, config, [*checked], free)
     _check_ineffective(errors, config)
@@ -85,7 +85,7 @@ def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
 def _column_entries(
     location: Location, late: SensorKind, spec: Any, si: str, latex: str
 ) -> Iterator[SensorEntry]:
-    """Yield the entries of a column; `late` is `lag`, or `delay` if all inputs share it."""
+    """Yield the entries of a column; `late` is `delay` for a single input, else `lag`."""
     name = str(location[-1])
     lag = f"lag of the sensor of {name}" if late == "lag" else f"delay of {name}"
     kinds: tuple[tuple[str, SensorKind, str, str, str, str], ...] = (
@@ -131,7 +131,7 @@ def parse_sensor_number(entry: SensorEntry) -> ParsedNumber:
 
 
 def _check_ineffective(errors: IssueCollector, config: Config) -> None:
-    """Add an issue for each number of a sensor that has no effect."""
+    """Add an issue for each gain, offset or lag that has no effect."""
     for name, spec in config.record.channels.items():
         for kind in numbers.SensorFields.model_fields if spec.derived_from is not None else ():
             if getattr(spec, kind) is not None:

@@ -27,8 +27,8 @@ def check_settings(errors: IssueCollector, config: Config) -> None:
     """Check the names of optimiser, moves and figures, and the optimiser's entries."""
     kind = errors.run(("map", "method"), lookup, OPTIMISERS, config.map.method, "method")
     if kind is not None:
-        vain = unknown_keys(("method", "method"), OPTIMISERS.usable(), kind, config.map)
-        errors.add_all(("map",), vain)
+        surplus = unknown_keys(("method", "method"), OPTIMISERS.usable(), kind, config.map)
+        errors.add_all(("map",), surplus)
     weights = config.sampler.moves
     for name in weights:
         errors.run(("sampler", "moves", name), lookup, MOVES, name, "move")
@@ -36,7 +36,7 @@ def check_settings(errors: IssueCollector, config: Config) -> None:
     if not moves_with_weights(known_moves, None, always_inside):
         alone = [(n, moves_with_weights({n: 1.0}, None, always_inside)) for n in MOVES.usable()]
         waiting = [name for name, moves in alone if not moves]
-        stays = "whose proposal may never reach some walkers; give another move a weight"
+        stays = "with which some walkers may never move; give another move a weight"
         message = f"no move has a weight except {' or '.join(waiting)}, {stays}"
         errors.add(("sampler", "moves"), message)
     for k, name in enumerate(config.output.figures or ()):
@@ -46,7 +46,7 @@ def check_settings(errors: IssueCollector, config: Config) -> None:
 def check_unknown(
     errors: IssueCollector, config: Config, unknown: Sequence[str], related: Iterable[str]
 ) -> None:
-    """Check search, walkers and figures against the unknowns and their `related` parameters."""
+    """Check search, walkers and figures against the unknowns; `related` are computed parameters."""
     if kind := OPTIMISERS.usable().get(config.map.method):
         given_entries = [e for e in entries_of(kind) if getattr(config.map, e) is not None]
         location = ("map", *(given_entries or ["method"])[:1])

@@ -168,7 +168,7 @@ def _saturated_or_stuck(
 def _anomaly(
     column: RecordColumn, spans: Spans, rows: NDArray[np.intp], text: str, do: str
 ) -> Anomaly:
-    """Return an anomaly at the places `spans`; `{}` in `do` is replaced by the column's entry."""
+    """Return an anomaly at the places `spans`; `{}` in `do` stands for the column's location."""
     where = tuple(_span_label(column.clock, spans, rows, k) for k in range(len(spans)))
     return Anomaly(
         text=text, positions=where, advice=do.format(".".join(map(str, column.location)))
@@ -205,7 +205,7 @@ def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
     return column.values[rows[np.searchsorted(rows, np.arange(len(missing)), side="right") - 1]]
 
 
-MAX_DERIVATIVE_MISMATCH = 0.3  # relative rms difference above which a derivative is doubted
+MAX_DERIVATIVE_MISMATCH = 0.3  # relative rms difference above which a derived channel is doubted
 
 
 def report_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn]) -> None:
@@ -221,8 +221,8 @@ def report_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn
             other = "it was not compared, as it has other times or units"
             sources.notes.append(f"{not_counted}; {other}")
             continue
-        kind, mismatch, times = comparison
-        like = f"{times:.4g} times the {kind} difference quotient of {origin} up to {mismatch:.2g}"
+        kind, mismatch, scale = comparison
+        like = f"{scale:.4g} times the {kind} difference quotient of {origin} up to {mismatch:.2g}"
         like += " of its rms"
         sources.notes.append(f"{not_counted}; it is {like}")
         if mismatch > MAX_DERIVATIVE_MISMATCH:
@@ -255,7 +255,7 @@ def _compare_with_quotients(
     t = column.clock.t[in_both]
     slope = next(iter(anomalies.quotients(x, t).values()))
     size = float(slope @ slope)
-    times = float(slope @ w[1:-1]) / size if size > 0 else 0.0
-    if times == 0.0:
+    scale = float(slope @ w[1:-1]) / size if size > 0 else 0.0
+    if scale == 0.0:
         return None
-    return (*anomalies.nearest_quotient(times * x, w, t), times)
+    return (*anomalies.nearest_quotient(scale * x, w, t), scale)

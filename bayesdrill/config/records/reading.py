@@ -43,7 +43,7 @@ from bayesdrill.record.experiment import (
 )
 from bayesdrill.record.formats.csv import CsvOptions
 
-MAX_LEAD = 1000  # in record lengths; a later first sample suggests dates or times of day
+MAX_LEAD = 1000  # (time before the first sample / record length) above which times may be dates
 
 
 def csv_options(record: RecordSpec) -> CsvOptions:
@@ -66,7 +66,7 @@ def read(resolved: ResolvedExperiment, files: Files | None = None) -> Experiment
 
 
 def _origin(resolved: ResolvedExperiment) -> tuple[object, ...]:
-    """Return all entries that determine the record of an experiment, as a key."""
+    """Return all entries that determine the record of an experiment, for comparisons."""
     config = resolved.config
     measured = dict.fromkeys((*SensorFields.model_fields, "sigma", "noise"))
     columns = {
@@ -184,7 +184,7 @@ class _Reader:
         return y
 
     def _held_out(self, t: Array, y: Array) -> Array | None:
-        """Move held-out samples from `y` to a new array and return it; None if there are none."""
+        """Move held-out samples from `y` to a new array and return this array, or None if empty."""
         spans = window_spans(self._config.record.held_out)
         if not spans:
             return None

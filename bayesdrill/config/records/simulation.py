@@ -34,7 +34,7 @@ from bayesdrill.record.formats.csv import table as text_table
 from bayesdrill.rig.simulators import simulator
 
 DIGITS = 9  # significant digits of the numbers in a simulated record
-READ_BACK_TOLERANCE = 1e-8  # largest error of numbers that are read back / range of their column
+READ_BACK_TOLERANCE = 1e-8  # largest (error of a number read back / range of its column)
 
 
 def _check_format(resolved: ResolvedExperiment, target: Path | None) -> None:
@@ -151,7 +151,7 @@ def simulate_one(
 
     `target` is the file of the record, by default the one that the config names. Times and measured
     inputs are read from this config's record unless `simulation:` has a duration. True values of
-    parameters come from `truth`, and of sensors from `simulation:` or the starts of their priors.
+    parameters come from `truth`, and of sensors from `simulation:` or the starts of the MAP search.
     """
     _check_format(resolved, target)
     experiment = simulation_grid(resolved)
@@ -191,7 +191,7 @@ def check_target(text: str, target: Path, read: Sequence[Path], *, force: bool) 
 
 
 def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
-    """Return times and inputs of `simulation:` or of the record; its channels are not used."""
+    """Return times and inputs of `simulation:` or of the record; the channels are not used."""
     config = resolved.config
     simulation: Any = config.simulation
     series = list(config.measured_inputs)

@@ -68,7 +68,7 @@ def path_of(resolved: ResolvedExperiment, file: FileSpec | None = None) -> Path:
 
 
 def paths(resolved: ResolvedExperiment) -> list[Path]:
-    """Return the paths of all files of an experiment, the record's own first, each once."""
+    """Return the paths of all files of an experiment, each once, the file of the record first."""
     files = dict.fromkeys([None, *map(file_of, file_entries(resolved.config).values())])
     return [path_of(resolved, file) for file in files]
 
@@ -79,7 +79,7 @@ def files(case: ResolvedCase) -> list[Path]:
 
 
 def named_files(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
-    """Return each mapping of a plain config that names a file, and the key of the name."""
+    """Return each mapping of a plain config that names a file, with the key of the file name."""
     record, inputs = data.get("record", {}), data.get("inputs", {})
     entries = [record, *record.get("channels", {}).values(), *inputs.values()]
     having = [entry for entry in entries if isinstance(entry, dict) and "file" in entry]
@@ -246,7 +246,7 @@ class Sources:
         clock = Clock(table, raw[rows], rows, in_window[rows], len(raw))
         issues = check_time(self.label(time_place), clock.t, clock.where)
         self.issues += issues
-        # Wrong times are kept, so that mistakes in the columns are reported at the same time.
+        # Wrong times are kept, so that mistakes in the columns are reported together with them.
         return clock if issues else dataclasses.replace(clock, t=on_grid(clock.t))
 
     def _read(self, location: Location, file: FileSpec | None) -> RecordTable | None:
@@ -269,7 +269,7 @@ class Sources:
         return None
 
     def _variables(self, file: FileSpec | None) -> frozenset[str] | None:
-        """Return the variables that the config names in a file; None if one has only a number."""
+        """Return the variables that the config names in a file; None if a column has no name."""
         specs = [s for s in file_entries(self._config).values() if file_of(s) == file]
         times = [spec.time or self._config.record.time for spec in specs]
         columns = [*specs, *(time for time in times if isinstance(time, TimeColumn))]
@@ -278,7 +278,7 @@ class Sources:
 
 
 def column_location(location: Location, spec: ColumnSpec) -> Location:
-    """Return the location of the entry that addresses the column."""
+    """Return the location of the entry that names the column."""
     return (*location, "column" if spec.column is not None else "variable")
 
 

@@ -53,7 +53,7 @@ class MissingTorqueSpec(Strict):
     """A missing torque is absent from the rig's equations and modelled as a Gaussian process."""
 
     at: str
-    """The inertia on which the torque acts, on this inertia's side of a gear."""
+    """The inertia on which the torque acts; with a gear, its size counts on that inertia's side."""
     smoothness: Literal["1/2", "3/2"] = "3/2"
     """Smoothness of the Matern process: 1/2 is rough, 3/2 is differentiable."""
     size: SigmaSpec = Field(
@@ -105,8 +105,8 @@ class Parameters(NamedSection):
 
     model_config = ConfigDict(
         json_schema_extra={
-            "description": "Each parameter has a prior, a number, `nominal`, a tie or a formula; "
-            "optional physics is off unless its parameters are named. "
+            "description": "Each parameter has a prior, a number, `nominal`, a formula, or a tie to an "
+            "equal parameter; optional physics is off unless its parameters are named. "
         }
     )
 
@@ -154,11 +154,11 @@ class Simulation(NamedSection):
     sigma: dict[str, Positive] = Field(default_factory=dict)
     """True sigma of each channel whose sigma is unknown."""
     quantities: dict[str, Positive] = Field(default_factory=dict)
-    """True values of quantities, in their units; default: the starts of their priors."""
+    """True values of quantities, in their units; default: the start values of their priors."""
     truth: dict[str, Number] = Field(
         default_factory=dict,
-        description="True values of `own` parameters, and of unknown numbers of sensors, noise and "
-        "initial states, by name, in their units; default: the starts of their priors.",
+        description="True values of `own` parameters, and of unknowns of sensors, noise and initial "
+        "states, by name, in their units; default: the start values of their priors.",
     )
 
 
@@ -266,7 +266,7 @@ class Config(Strict):
         return self._vocabulary
 
     def input_entry(self, name: str) -> str:
-        """Return the key in `inputs:` that gives input `name`: `name`, or an imposed angle."""
+        """Return the key in `inputs:` of input `name`: `name`, or the imposed angle of a speed."""
         angle = self.vocabulary.imposed.get(name, name)
         return name if self.inputs.get(angle) is None else angle
 

@@ -1,7 +1,7 @@
 """Write the JSON schema of a config, with which editors complete and check configs.
 
-The schema lists all names of rigs with fixed symbols. Names of a rig whose parts the config lists,
-such as `j_load`, are checked only against a pattern.
+The schema lists all symbols that do not depend on the config. Names of parts that a config lists
+itself, as in `j_load`, are checked only against a pattern.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def campaign_schema() -> str:
 
 
 def _nested(schema: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
-    """Return the subschema at `path`; missing levels of it are created."""
+    """Return the subschema at `path`; missing levels are created."""
     for name in path:
         schema = schema.setdefault("properties", {}).setdefault(name, {})
     return schema

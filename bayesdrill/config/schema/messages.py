@@ -79,12 +79,12 @@ def _unknown_key(error: EntryError, location: Location) -> str:
         return f"unknown {word}; if it follows a decimal comma, write a decimal point"
     if "<tie>" in error["loc"]:
         return "a tied parameter has no other entries; remove this entry, or the tie"
-    near = did_you_mean(name, _keys_at(error))
+    suggestion = did_you_mean(name, _keys_at(error))
     other = "" if error.get("is_train", True) else _train_of(name)
     if location[0] == "inputs" and name.startswith("supply_") and not other:
         other = f"; write `{name[7:]}: {{servo: 12}}` in `drives:`, 12 for its usual value"
-    near = "" if other and near.startswith("; known") else near
-    return f"unknown {word}{near}{other}".replace("?; ", "? ")
+    suggestion = "" if other and suggestion.startswith("; known") else suggestion
+    return f"unknown {word}{suggestion}{other}".replace("?; ", "? ")
 
 
 def _known(error: EntryError) -> list[str]:
@@ -145,7 +145,7 @@ def _keys_at(error: EntryError) -> list[str]:
 
 
 def _sections(annotation: Any) -> list[Mapping[str, Any]]:
-    """Return the annotations of the keys, for each kind of mapping that an annotation allows."""
+    """Return, for each kind of mapping that an annotation allows, the annotations of its keys."""
     if isinstance(annotation, type) and issubclass(annotation, PriorSpec):
         return [_entries(family) for family in families_of(annotation) or (annotation,)]
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):

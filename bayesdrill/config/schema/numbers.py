@@ -32,7 +32,7 @@ def entry_shape(value: Any) -> str:
 
 
 def shorthand(entry: str) -> BeforeValidator:
-    """Return a validator that reads a text as a mapping whose only entry is `entry`."""
+    """Return a validator that reads a text as a mapping from the key `entry` to this text."""
     return BeforeValidator(lambda value: {entry: value} if isinstance(value, str) else value)
 
 
@@ -138,7 +138,7 @@ _SIGNED: Mapping[str, Any] = {
 
 
 def _spec(base: type[PriorSpec], name: str) -> type[PriorSpec]:
-    """Return the class of the prior family `name`: its required entries, and those of `base`."""
+    """Return a class for the prior family `name`, with its required entries and those of `base`."""
     family = base.families[name]
     overrides = _SIGNED if base.families is not PRIORS and family is not LogUniform else {}
     fields: dict[str, Any] = {"prior": (Literal[name], ...)}

@@ -33,7 +33,7 @@ from bayesdrill.inference.noise import NOISES
 from bayesdrill.output_files import DEFAULT_FORMATS
 from bayesdrill.record.formats import FORMATS
 
-MAX_SPANS = 1000
+MAX_SPANS = 1000  # largest number of windows or masked spans in a list
 
 
 def _word_or_mapping(value: Any) -> str:
@@ -88,7 +88,7 @@ class MaskSpec(Strict):
 
     glitches: bool = Field(False, description="Leave out spikes, as reported by `check`.")
     rows: Annotated[list[Rows], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
-    """First and last row of each masked span, both included, numbered as in messages."""
+    """First and last row of each span, both included (line of a text file, else counted from 1)."""
     times: Annotated[list[Window], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
     """First and last time of each masked span [s], both included."""
 
@@ -226,7 +226,7 @@ class OutputSpec(Strict):
 
     @property
     def formats_or_default(self) -> tuple[str, ...]:
-        """Return the formats of a command that draws its figures once and has no report."""
+        """Return the figure formats of commands other than `posterior`, by default PDF and PNG."""
         return tuple(self.formats or DEFAULT_FORMATS)
 
 
@@ -275,7 +275,7 @@ class RecordSpec(Strict):
     file: str = Field(description="Relative to the folder of the config.")
     format: str | None = Field(None, description="Default: by the file's ending.")
     rows: Rows | None = None
-    """First and last row that are used, numbered as in messages; default: all rows."""
+    """First and last row used (line of a text file, else counted from 1); default: all rows."""
     time: TimeSpec
     window: Windows | None = None
     """First and last time that are used [s], or a list of such windows; default: all times."""

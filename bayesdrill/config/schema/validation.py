@@ -1,4 +1,4 @@
-"""Validate a config; in sections with names of the rig, each symbol has bounds of its own.
+"""Validate a config; in sections whose keys are symbols of the rig, each symbol has its bounds.
 
 The names of a section, and the bounds of their numbers, depend on the rig's vocabulary. The classes
 in `config` and `records` define all other entries.
@@ -32,7 +32,7 @@ from bayesdrill.config.schema.vocabulary import HOUSE, Vocabulary
 Place = tuple[str, ...]
 EntryError = dict[str, Any]  # the form of pydantic's errors; see `read_entry`
 
-# Classes of the sections with names of the rig, and of the sections that contain such sections.
+# Classes of the sections whose keys are symbols of the rig, and of sections that contain them.
 SECTIONS: Mapping[Place, type[Strict]] = {
     (): Config,
     ("parameters",): Parameters,
@@ -104,14 +104,14 @@ def read_config(
 ) -> tuple[Config | None, list[EntryError]]:
     """Return the config from plain data (None if it has errors), and the errors of all entries.
 
-    Entries that are unchanged since an earlier validation, `previous` (data, config), are not repeated.
+    Entries equal to those of an earlier validation, `previous` (data, config), are not revalidated.
     """
     errors: list[EntryError] = []
     if previous is not None and previous[1].vocabulary == words:
         data = _with_known(data, *previous)
     read = _with_named_entries((), data, words, errors)
     config, others = read_entry(Config, read, (), words)
-    return (None if errors else config), [*others, *errors]  # an entry's last error counts
+    return (None if errors else config), [*others, *errors]  # the last error of an entry counts
 
 
 def read_entry(
@@ -129,7 +129,7 @@ def read_entry(
 
 
 def _with_known(data: Any, plain: Any, validated: Any) -> Any:
-    """Return data in which entries that equal those of `plain` are replaced by `validated` ones."""
+    """Return `data`; entries equal to those of `plain` are replaced by those of `validated`."""
     if repr(data) == repr(plain):  # `==` does not distinguish 1, 1.0 and true
         return validated
     if not (isinstance(data, dict) and isinstance(plain, dict)):

@@ -24,7 +24,7 @@ class Vocabulary:
     inputs: Mapping[str, Symbol]
     combined: Mapping[str, Symbol]  # linear combinations of states that have a name for channels
     inner: frozenset[str]  # states without an initial value in the config
-    angles: Mapping[str, Symbol]  # angles that may replace an input speed, by that speed
+    angles: Mapping[str, Symbol]  # angles that may replace an input speed, by its name
     optional_inputs: frozenset[str]  # inputs that are zero unless the config gives them
     inertias: tuple[str, ...]
 
@@ -38,7 +38,7 @@ class Vocabulary:
 
     @cached_property
     def signals(self) -> Mapping[str, Symbol]:
-        """Return the symbols after which a channel without `measures:` may be named."""
+        """Return the symbols whose names a channel without `measures:` may have."""
         return {**self.states, **self.combined}
 
     @cached_property
@@ -65,7 +65,7 @@ def described_rigs() -> list[str]:
 
 
 def _house() -> Vocabulary:
-    """Return the common vocabulary of all rigs with fixed symbols."""
+    """Return the common vocabulary of all rigs whose symbols do not depend on the config."""
     rigs = [with_all(kind()) for kind in MODELS.usable().values()]
     rigs = [rig for rig in rigs if not rig.has_private_names]
     imposed = {speed: angle for rig in rigs for speed, angle in rig.imposed.items()}
@@ -85,7 +85,7 @@ HOUSE = _house()
 
 
 def vocabulary_of(rig: Model) -> Vocabulary:
-    """Return the vocabulary of a rig; for a rig with fixed symbols, it is `HOUSE`."""
+    """Return the vocabulary of a rig, `HOUSE` if its symbols do not depend on the config."""
     if not rig.has_private_names:
         return HOUSE
     plain: Any = rig

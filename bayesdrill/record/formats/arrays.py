@@ -19,7 +19,7 @@ ITSELF = "save the numbers themselves in this file"
 
 
 def _add(table: RecordTable, name: str, values: np.ndarray[Any, Any]) -> None:
-    """Add a real array of one or two dimensions; enter any other array as ignored."""
+    """Add a real array of one or two dimensions; list any other array in `ignored`."""
     if values.dtype.kind == "c":
         table.ignored[name] = "is complex; save its real part"
     elif values.dtype.kind not in _NUMERIC:

@@ -97,7 +97,7 @@ _POWER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d+")  # Fortran's exponent
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextLines:
-    """Lines with content have `numbers` from 1; `comment` is the last comment before them."""
+    """Lines with content have line `numbers` from 1; `comment` is the last comment before them."""
 
     path: Path
     texts: list[str]
@@ -179,7 +179,7 @@ def quoted(text: str) -> str:
 
 
 def without_empty_tail(lines: TextLines, dialect: Dialect) -> TextLines:
-    """Drop lines like `;;;;` at the end, added by spreadsheets; elsewhere samples are missing."""
+    """Drop final lines like `;;;;` of spreadsheets; elsewhere such lines are missing samples."""
     count = len(lines.texts)
     while count > 1 and not lines.texts[count - 1].strip(f' "{dialect.separator or ""}'):
         count -= 1
@@ -220,7 +220,7 @@ def _score(texts: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
     sample = [*texts[:50], *texts[50:][-50:]]
     rows = [split(line, dialect.separator) for line in sample]
     width = max(1, Counter(map(len, rows)).most_common(1)[0][0])
-    number_shares = [
+    number_fractions = [
         sum(to_number(cell, dialect.decimal) is not None for cell in row) / width
         if len(row) == width
         else 0.0
@@ -229,11 +229,11 @@ def _score(texts: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
     # A header of the right width speaks for a dialect nearly as much as a row of numbers does,
     # unless it is a single cell that looks like several.
     whole = width > 1 or not re.search(r"[,;|\t]", sample[0])
-    if whole and len(rows[0]) == width and not number_shares[0]:
-        number_shares[0] = 0.9
-    score = sum(number_shares)
+    if whole and len(rows[0]) == width and not number_fractions[0]:
+        number_fractions[0] = 0.9
+    score = sum(number_fractions)
     # Any text can be read as one column, so with one column nearly all cells must be numbers.
-    if width == 1 and min(number_shares) < 0.9:
+    if width == 1 and min(number_fractions) < 0.9:
         score /= 2
     return round(score, 9), width > 1
 
@@ -284,7 +284,7 @@ class _Faults:
 
 
 def parse(body: TextLines, dialect: Dialect, names: Sequence[str]) -> Array:
-    """Parse all rows as `(T, n)`; raises InputError with every kind of fault."""
+    """Parse all rows as `(T, n)`; raises InputError with faults of every kind."""
     ragged = _Faults("rows with a wrong number of cells")
     bad = _Faults("cells without a number")
     parts = []

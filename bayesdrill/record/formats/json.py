@@ -14,9 +14,9 @@ from bayesdrill.record.formats.arrays import add_fields
 from bayesdrill.record.formats.table import RecordTable, decode
 
 _BLANK = re.compile(r"[\s,]*")
-MAX_KEYS = 1000  # largest number of names in a list of records; each becomes a column
-FRC_TEST = re.compile("(slow|fast)-(forward|backward)")  # frc-characterization names no columns
-# Names by the number of columns, in SysId's logs of a mechanism (4) and of a drive (9).
+MAX_KEYS = 1000  # largest number of names in a list of records; each name becomes a column
+FRC_TEST = re.compile("(slow|fast)-(forward|backward)")  # a test in a log of frc-characterization
+# Names of columns in SysId's logs of a mechanism (4 columns) and of a drive (9 columns).
 SYSID_COLUMNS = {
     4: ("time [s]", "voltage [V]", "position", "speed"),
     9: (

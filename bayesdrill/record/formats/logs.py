@@ -45,7 +45,7 @@ def add_sample(samples: Samples, name: str, time: float, value: float | Sequence
 
 
 def _union(times: Sequence[Array]) -> Array:
-    """Return all times [s]; times in one pass of the logger's loop are replaced by the first."""
+    """Return all times [s]; of the times in one pass of the logger's loop, the first is kept."""
     union = np.unique(np.concatenate([np.zeros(0), *times]))
     steps = [float(np.median(np.diff(t))) for t in times if len(t) > 1]
     nearest = ONE_PASS * min((step for step in steps if step > 0), default=0.0)

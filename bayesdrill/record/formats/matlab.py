@@ -1,7 +1,7 @@
 """Read MATLAB files: v5 to v7 by SciPy, v7.3 by h5py.
 
 SciPy reads cells and structs recursively, and crashes if a file has some thousand levels. The depth
-of a file of v5 to v7 is therefore checked first, without recursion. The file is a flat stream of
+of a v5 to v7 file is therefore checked first, without recursion. The file is a flat stream of
 elements, each with a tag, which this module reads in the same order as SciPy. The dimensions of a
 cell, not the length in its tag, give the number of its members.
 """
@@ -143,7 +143,7 @@ def _read_v5(path: Path, selected: Collection[str] | None) -> RecordTable:
             message = f"holds cells or structs more than {MAX_DEPTH} deep; save plain arrays"
             raise InputError.at(str(path), message)
         content: Mapping[str, Any] = loadmat(path, mat_dtype=False, variable_names=used)
-        if used is not None and not used <= content.keys():  # the error message needs all
+        if used is not None and not used <= content.keys():  # the error message lists all names
             content = loadmat(path, mat_dtype=False)
     for name, value in content.items():
         if not name.startswith("__"):

@@ -21,9 +21,9 @@ class RecordTable:
     """A record table holds the numbers of one file.
 
     Columns of a table (text, Parquet) are variables `(T,)` in file order. A file of arrays (MATLAB,
-    HDF5, NumPy) has variables `(T,)` or `(T, n)`, with dotted names for fields (`rig.theta`). They
-    may contain NaN and infinities; `where` returns a sample's row. `ignored` gives the reason why
-    a name in the file cannot be picked, and `unread` lists names that were not requested.
+    HDF5, NumPy) has variables `(T,)` or `(T, n)`, with dotted names for fields (`rig.theta`).
+    Numbers may be NaN or infinite; `where` returns the row of a sample. `ignored` gives the reason
+    why a name in the file cannot be picked, and `unread` lists names that were not requested.
     """
 
     path: Path
@@ -46,7 +46,7 @@ class RecordTable:
 
     @property
     def numbers(self) -> Counts:
-        """Return the numbers `(T,)` of the rows, as messages give them."""
+        """Return the row numbers `(T,)` that messages give."""
         longest = max(map(len, self.variables.values()), default=0)
         return np.arange(1, longest + 1) if self.lines is None else self.lines
 
@@ -134,8 +134,8 @@ class RecordTable:
         """Return the nearest name and all names, for an error message."""
         if not self._names:
             return "; the file holds no numeric array"
-        near, names = did_you_mean(name, self._names), ", ".join(self._names)
-        return near if near == f"; known: {names}" else f"{near} (the file has {names})"
+        hint, names = did_you_mean(name, self._names), ", ".join(self._names)
+        return hint if hint == f"; known: {names}" else f"{hint} (the file has {names})"
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -192,8 +192,8 @@ def _neighbour(path: Path) -> str:
     if not path.parent.is_dir():
         return f": the folder {path.parent} does not exist"
     others = (other.name for other in path.parent.iterdir() if other.suffix not in CONFIGS)
-    near = did_you_mean(path.name, others)
-    return near if near.startswith("; did") else "; check the name and the folder"
+    hint = did_you_mean(path.name, others)
+    return hint if hint.startswith("; did") else "; check the name and the folder"
 
 
 CONFIGS = (".yaml", ".yml")  # endings of configs, which are not records
