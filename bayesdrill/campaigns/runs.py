@@ -61,7 +61,7 @@ class CampaignPlan:
     notes: tuple[str, ...] = ()
 
 
-Listed = list[tuple[CampaignRun, Any]]  # each with its time as written; None or "" means no time
+Listed = list[tuple[CampaignRun, Any]]  # runs, and their times as written; None or "": no time
 NumberedRow = tuple[int, Sequence[Any]]  # the number of a row of a table, and its cells
 
 
@@ -219,7 +219,7 @@ def _run(
 
 
 def _csv(path: Path) -> tuple[list[str], Sequence[NumberedRow]]:
-    """Return the header, and the other rows with their numbers; blank lines are skipped."""
+    """Return the header, and the other rows with their row numbers; blank lines are skipped."""
     lines = decode(path).splitlines()
     mark = max(",;\t", key=next((line for line in lines if line.strip()), "").count)
     try:

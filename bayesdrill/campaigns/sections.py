@@ -63,7 +63,7 @@ def products_table(population: PopulationFit) -> Table:
 
 
 def noted_table(population: PopulationFit) -> Table | None:
-    """Return the table of noted columns, with the fraction of the variance that each explains."""
+    """Return the table of noted columns, with the fraction of variance that a column explains."""
     lines = [
         {
             "column": effect.column,

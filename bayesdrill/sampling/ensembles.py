@@ -70,16 +70,16 @@ class MemoryBackend:
 
 
 CLIMB_STEPS = 25  # limit of steps from the MAP of the unknowns to the MAP of the coordinates
-MAX_SLOPES = 20_000  # with more slopes at a point, the check for missed mass is too slow
+MAX_SLOPES = 20_000  # with more slopes (samples x unknowns), the check for missed mass is too slow
 POINTS_PER_TASK = 64  # points of a quadratic model that one process computes at a time
-START_SPREAD = 1.5  # width relative to the proposal's; so wide that R-hat shows slow ensembles
+START_SPREAD = 1.5  # width of the starts / width of the proposal; wide, so R-hat shows slow mixing
 MAX_START_TRIES = 20  # tries with each of the three distributions of `begin_walkers`
-MAX_START_DEPTH = 50.0  # in log density below the highest walker; a lower walker is placed again
+MAX_START_DEPTH = 50.0  # in log density: a walker this far below the highest is placed again
 FIRST_CHECK = 200  # steps before convergence is first assessed
 MAX_SEGMENT_STEPS = 250  # largest number of steps of a segment
 SEGMENT_SECONDS = 2.0  # approximate computing time of a segment, which Ctrl-C has to wait for
 MOST_MISSED = 0.05  # posterior mass; if the proposal misses more, the result is not believed
-MAX_STEPS_OF_A_MISFIT = 800  # a model that does not fit is not worth a longer chain
+MAX_STEPS_OF_A_MISFIT = 800  # limit of steps if the model does not fit, as a chain then says little
 
 
 class _PooledLogDensity(LogDensity):
@@ -147,11 +147,11 @@ def slopes_are_expensive(posterior: Posterior) -> bool:
 def begin_walkers(
     posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble: int
 ) -> State:
-    """Place `n` walkers around all maxima, equally many at each, more widely than the proposal.
+    """Draw `n` walkers around all maxima, from a mixture wider than the proposal.
 
-    No walker starts where p/q (posterior divided by proposal) is so large that it would be trapped.
-    Such walkers are drawn again: from a wider proposal, then from the proposal itself, and at last
-    mirrored at the priors' ends and moved towards the first maximum.  Raises `NoSupportError`.
+    A walker is drawn again at a low density, or where p/q (posterior / proposal) would trap it.
+    After some tries, the proposal itself is used.  Then draws are mirrored at the priors' ends and
+    moved towards the first maximum, without regard to p/q.  At last, `NoSupportError` is raised.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
     mixture = proposal.mixture
@@ -372,7 +372,7 @@ def _run_until_converged(under_way: _Walk, step_limit: int, report: Reporter) ->
         hopeless = futility(trail, plan.targets.n_tau, plan.max_steps, step_limit)
         ending = hopeless is not None or goal == last
         following = min(measured.next_check(goal, plan.targets.n_tau), last)
-        # Before a run was interrupted, it already found that its shorter chains had not converged.
+        # A resumed run need not assess its shorter chains again: they had not converged.
         if goal >= have and (ending or measured.n_tau >= plan.targets.n_tau):
             sampled = _assess(posterior, plan, under_way.segments, theta, measured)
             convergence = sampled.convergence

@@ -60,10 +60,10 @@ class Mode:
     """A mode is the highest maximum of the posterior; `others` are lower maxima with some mass.
 
     `slope` is the change of the log posterior per conditional standard deviation of each unknown,
-    which is well below 1 at a maximum inside the prior.  `gain` is that of one more Newton step.
+    which is well below 1 at a maximum inside the prior.  One more Newton step would gain `gain`.
     `at_bound` names unknowns within 0.1 % of an end of their prior, or with less than 0.1 % of the
     prior's mass between them and zero.  `steps` are scales of unknowns that may be negative, and
-    `pieces` the step sizes of stepped rigs.  `left_out` estimates the mass of other maxima.
+    `pieces` the step sizes of stepped rigs.  `left_out` estimates the mass of maxima not followed.
     """
 
     values: Mapping[str, float]
@@ -118,7 +118,7 @@ class Mode:
 def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
     """Return physical starts of searches, `(n, D)`.
 
-    The first is the start of inverse dynamics if there is one, else the configured start.  Each
+    The first start is that of inverse dynamics if there is one, else the configured start.  Each
     further start is the best of `CANDIDATES_PER_START` prior draws.
     """
     first = inverse_dynamics.regression_start(posterior)
@@ -229,9 +229,9 @@ def summarise(
 def _distinct_maxima(
     surface: LogDensity, points: Array, values: Array, n_known: int = 0
 ) -> tuple[Array, Array]:
-    """Climb from `points (n, D)` to distinct maxima `(M, D)`; return them and their heights `(M,)`.
+    """Climb from `points (n, D)`, and return distinct maxima `(M, D)` and their heights `(M,)`.
 
-    The highest comes first.  The first `n_known` points are maxima already.
+    The highest maximum comes first.  The first `n_known` points are maxima already.
     """
     distinct = multiple_modes.distinct_modes(surface, points, values, n_known)
     fresh = [k for k in distinct if k >= n_known]

@@ -1,7 +1,7 @@
 """Sample a Gaussian times a weight by elliptical slice sampling, which needs no tuning.
 
-Each step goes to a point on a random ellipse through the last point.  The range of angles is shrunk
-until the weight is above a random level (Murray, Adams and MacKay 2010).
+Each step goes to a point on a random ellipse through the current point.  The range of angles is
+shrunk until the weight is above a random level (Murray, Adams and MacKay 2010).
 """
 
 from __future__ import annotations

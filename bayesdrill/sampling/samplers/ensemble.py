@@ -32,16 +32,16 @@ from bayesdrill.sampling.samplers.independence import (
 )
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
-LOCAL_SHARE = 0.2  # local steps follow this fraction of moves: 1 point costs as much as 30
+LOCAL_SHARE = 0.2  # local steps follow this fraction of moves, as 1 point costs as much as 30
 MIN_LENGTH, MAX_LENGTH = 0.01, 1.0  # lengths of local steps, in component widths / sqrt(D)
 
 
 def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Array, Array]:
     """Return new points from `u (n, D)`, their log Hastings factors and their log q, `(n,)` each.
 
-    A component is drawn with the probability q_k / q, its fraction of the density at `u`.  In the
-    component's coordinates, the step is Gaussian with its shape and a log-uniform length.  The
-    Hastings factor includes q_k / q at the new point.
+    Component k is drawn with the probability q_k / q, its fraction of the density at `u`.  In its
+    coordinates, the step is Gaussian with the component's shape and a log-uniform length.  The
+    Hastings factor includes q_k / q at both points.
     """
     n, d = u.shape
     walker = np.arange(n)
@@ -149,7 +149,7 @@ class IndependenceMove:
 
 
 def step_trapped(model: Any, state: Any, proposal: Proposal, log_q: Array) -> Flags:
-    """Take a local step with each walker whose p/q is too large; `log_q (W,)` is log q."""
+    """Take a local step with each walker whose p/q is too large; `log_q (W,)` is at the walkers."""
     moved = np.zeros(len(log_q), dtype=bool)
     which = np.flatnonzero(state.log_prob > proposal.trapping_log_p(log_q))
     if len(which) > 0:
