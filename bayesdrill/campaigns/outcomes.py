@@ -1,8 +1,8 @@
 """Describe a fitted population: its products and runs, the next run, and the nominal table.
 
-All levels, spreads and intervals are in natural logarithms of the products, so that 0.05 is about 5 %.
+All levels, spreads and intervals are in natural logarithms of the products: 0.05 is about 5 %.
 A spread is half the width of the interval that holds the central 68 % of the runs.  If runs are
-normal, it is their standard deviation.  A few foreign runs widen the tails, but hardly the spread.
+normal, it is their standard deviation; a few foreign runs (outliers) hardly widen it.
 """
 
 from __future__ import annotations

@@ -301,7 +301,7 @@ def _seconds(time: object, unit: TimeUnit) -> tuple[str, float]:
 
 
 def _repeated(runs: Sequence[CampaignRun]) -> Iterable[Issue]:
-    """Yield an issue for each run that has the name, the file, or rig and time of another run."""
+    """Yield an issue for each run with the name, the file, or both rig and time of another run."""
     names, files = dict[str, CampaignRun](), dict[str, CampaignRun]()
     times = dict[tuple[str, float], str]()
     for run in runs:

@@ -25,7 +25,7 @@ from bayesdrill.basics.findings import Finding
 # A walker is stuck if its longest stay is at least `STUCK_SHARE` times the number of kept steps.
 # Unless most walkers stay that long, it must also be `STUCK_RATIO` times the median longest stay.
 STUCK_SHARE, STUCK_RATIO = 0.5, 5.0
-LOW_DENSITY_QUANTILE = 0.001  # quantile of the better walkers' log_p; a median below it is low
+LOW_DENSITY_QUANTILE = 0.001  # quantile of the better walkers' log_p; a lower median is too low
 MIN_GROUP_DISTANCE = 1.0  # smallest distance between the centres of two groups of walkers, in sds
 MAX_VALLEY_RATIO = 0.5  # limit of (density between distinct groups) / (density of the lower peak)
 GROUP_BINS = 12  # bins of the histogram between the centres of two groups
@@ -182,7 +182,7 @@ def _at_walker(
 ) -> Finding:
     """Return a finding on doubtful walkers, of which the k-th is the worst.
 
-    The finding names the unknown in which this walker is most sds from the mean of sound walkers.
+    The finding names the unknown in which this walker is farthest, in sds, from sound walkers.
     """
     ensemble, walker = np.unravel_index(k, sound.shape)
     others = _pooled_steps(chain.theta, sound)

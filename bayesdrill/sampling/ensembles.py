@@ -69,7 +69,7 @@ class MemoryBackend:
         self.saved.setdefault(ensemble, []).append(segment)
 
 
-CLIMB_STEPS = 25  # limit of steps from the MAP of the unknowns to the MAP of the coordinates
+CLIMB_STEPS = 25  # limit of steps from the MAP over unknowns to the MAP over their coordinates
 MAX_SLOPES = 20_000  # with more slopes (samples x unknowns), the check for missed mass is too slow
 POINTS_PER_TASK = 64  # points of a quadratic model that one process computes at a time
 START_SPREAD = 1.5  # width of the starts / width of the proposal; wide, so R-hat shows slow mixing

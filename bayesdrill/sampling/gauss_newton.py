@@ -14,7 +14,7 @@ MAX_STEP = 3.0  # longest step, in priors' spreads, since the quadratic model on
 INITIAL_DAMPING = 0.1  # relative to the priors' precision; it hardly damps tight directions
 DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # multiples of the damping that each step tries
 CORRECTED_TRIALS = 2  # this many trials, the least damped, are moved back to a curved ridge
-TIGHT_DAMPING = 100.0  # damping of that move / priors' precision, which fixes loose directions
+TIGHT_DAMPING = 100.0  # damping of that move / priors' precision; it holds loose directions fixed
 MAX_CORRECTIONS = 3  # largest number of steps back to a curved ridge, after a step along the ridge
 SETTLED_GAIN = 1e-3  # in log density: a climb to a lower maximum stops if the next step gains less
 MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a climb that needs more than the upper limit ends
@@ -95,7 +95,7 @@ def _gauss_newton_model(surface: LogDensity, u: Array) -> QuadraticModel:
 
 
 def _second_order_model(surface: LogDensity, u: Array) -> QuadraticModel:
-    """Return a model with finite differences of slopes, and curvatures by their absolute values."""
+    """Return a model with second derivatives by finite differences, of positive eigenvalues."""
     n, d = u.shape
     here = _gauss_newton_model(surface, u)
     steps = DIFFERENCE_STEP * np.diag(surface.spread)

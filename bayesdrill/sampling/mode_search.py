@@ -32,7 +32,7 @@ NEGLIGIBLE_MASS = 1e-5  # total posterior mass of the maxima that are dropped
 MAX_MISSED_MASS = 0.02  # more posterior mass in maxima that were not followed raises a doubt
 MAX_STEPPED_STARTS = 32  # largest number of starts for a stepped rig, as a climb takes seconds
 MULTI_STARTS = 24  # prior draws from which Gauss-Newton climbs without a simplex
-SEARCH_ROUNDS, MAX_CENTRES = 2, 8  # searches around maxima: rounds, and maxima per round
+SEARCH_ROUNDS, MAX_CENTRES = 2, 8  # searches around maxima: number of rounds, of maxima per round
 POLISH_STEPS, NEWTON_STEPS = 40, 8  # steps of Gauss-Newton, then of Newton, that end a search
 
 

@@ -82,7 +82,7 @@ class CalibrationOutcome:
 
 
 def prepare(path: Path) -> Job:
-    """Prepare a job like `job.prepare`; with times in `simulation:`, the config needs no record."""
+    """Prepare a job like `job.prepare`; no record is needed if `simulation:` has the times."""
     case = loading.load(path)
     paths = [path for experiment in case.experiments for path in sources.paths(experiment)]
     measured = all(path.exists() for path in paths)

@@ -183,8 +183,7 @@ class ComparedRun:
 class ComparisonRecord:
     """The `run.json` of a finished comparison, an overlay or a ladder has these fields.
 
-    `reasons` say why the result must not be believed. The last four fields are empty for
-    overlays.
+    `reasons` say why the result must not be believed.  Overlays leave the last four fields empty.
     """
 
     form: int = 1
@@ -286,7 +285,7 @@ def contender(named: NamedRun, units: DisplayUnits) -> RunSummary:
 
 
 def _rig(job: Job) -> dict[str, str]:
-    """Describe rig, sensors, inputs and start state, and list their unknown numbers."""
+    """Describe rig, sensors, inputs and start state, and list their unknowns."""
     space = job.problem.posterior.space
     unknown = {space.free[k]: "unknown" for k in space.columns(*SIMULATOR_ROLES)}
     said = provenance.settings(job.config, job.problem, job.problem.units)

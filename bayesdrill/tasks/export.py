@@ -61,7 +61,7 @@ class SimulatorModel:
 
 
 def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> SimulatorModel:
-    """Return the rig of a run, with at most `draws` draws; raises `InputError` without roles."""
+    """Return a run's rig with at most `draws` draws; raises `InputError` if it has no roles."""
     problem = run.job.problem
     model, posterior = problem.model, problem.posterior
     chain = run.sampled.draws.reshape(-1, len(problem.names))

@@ -50,7 +50,7 @@ class LadderModel:
 
 
 def _with_lines(base_job: Job, cause: Cause) -> Job:
-    """Return the job of a config with the lines of a cause; raise `InputError` if it is invalid."""
+    """Return a job whose config also has the lines of a cause; raise `InputError` if invalid."""
     data = config_edits.amended(base_job, cause)
     data["output"] = {**data.get("output", {}), "figures": ["fit"]}
     data.pop("simulation", None)
@@ -212,7 +212,7 @@ def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult] | s
 
 
 def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
-    """Write the comparison of all models; the reference is the model with the lowest rank."""
+    """Write the comparison of all models; the reference is the model that was ranked last."""
     if not work.done:
         raise InputError.at(str(job.source.path), "; ".join(work.left_out.values()))
     places = sorted(work.done, reverse=True)

@@ -262,7 +262,7 @@ def write_result(
 
 
 def sample_in_memory(job: Job, mode: Mode, processes: int, report: Reporter) -> SamplingResult:
-    """Sample from the maximum `mode`; the job must have the integration steps of this mode."""
+    """Sample from the maximum `mode`; the job must have the step sizes chosen at this maximum."""
     with WorkerPool(job.problem.posterior, processes) as pool:
         sampled = _sample(job, pool, mode, MemoryBackend(), report)
         return weigh(pool, sampled, find_map.fit_plan(job), report)

@@ -1,4 +1,8 @@
-"""Rank candidate models: refit changes of a config, alone and combined with others that gain."""
+"""Rank candidate models: refit changes of a config, alone and combined with others that gain.
+
+The changes of a candidate are its parts.  An absorbing part, such as a missing torque, absorbs any
+misfit without naming a cause.
+"""
 
 from __future__ import annotations
 
@@ -400,7 +404,7 @@ class Ranking:
     def _windows(self) -> tuple[tuple[FittedValue, ...], ...]:
         """Refit the given config on each window; return nothing if one refit fails.
 
-        Each window has the unknowns that it determines; windows with none but noise are omitted.
+        Each window has its determined unknowns; windows that determine only noise are omitted.
         """
         try:
             jobs = [rung.job() for rung in self.models.windows(WINDOWS)]

@@ -39,7 +39,7 @@ OLDER = (
 
 
 def _analysis_of_this_form(value: Any, read: Callable[[Any], RunAnalysis]) -> RunAnalysis | None:
-    """Return an analysis; None, so that it is evaluated again, if another version wrote it."""
+    """Return an analysis, or None if another version wrote it; it is then evaluated again."""
     try:
         return read(value)
     except ValueError:

@@ -22,7 +22,7 @@ from bayesdrill.sampling.samplers.ridge import RidgeMap
 ROUNDS = (400, 400, 1600)  # number of draws of each round; the last round gives the estimate
 FAR_LOG_RATIO = 3.0  # mass is missed where log (p/q) is this much above its typical value
 MAX_MISSED_MASS = 0.01  # fraction of the posterior; less missed mass counts as zero
-MIN_EFFECTIVE_SHARE = 0.02  # effective fraction of draws that is enough to end in the first round
+MIN_EFFECTIVE_SHARE = 0.02  # one round may be enough if this fraction of its draws is effective
 MAX_TRIES_PER_DRAW = 10  # largest number of tries for each draw inside the prior
 MIN_TEMPERED_SHARE = 0.1  # the weights are tempered until this fraction of the draws is effective
 NEGLIGIBLE_WEIGHT = 1e-9  # added to each weight, as all draws of a sheet may have the weight zero

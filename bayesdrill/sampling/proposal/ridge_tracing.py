@@ -28,7 +28,7 @@ Expand = Callable[[Array, Array], QuadraticModel]
 # at least `STRAIGHT_RATIO` times the square root of the largest ratio. A direction that fails only the
 # second condition is loose, because along it the tightest direction would bend too much.
 TIGHT_RATIO, STRAIGHT_RATIO = 100.0, 0.003
-NEAR_END = 1e-6  # an unknown nearer to an end of its prior, in spreads of the prior, is at the end
+NEAR_END = 1e-6  # an unknown this near to an end of its prior, in prior spreads, is at the end
 MIN_NEW_SHARE = 1e-6  # an axis is new if its part orthogonal to other axes is longer than this
 MAX_SDS_BEYOND_END = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
 PROBES = 12  # number of random prior points at which a flat direction must be flat
@@ -107,8 +107,7 @@ def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
 def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
     """Return directions `(D, f)`, in priors' spreads, along which the likelihood never changes.
 
-    A direction may be flat at one point by chance, so the likelihood is examined at points all over
-    the prior.
+    A direction may be flat at one point by chance, so points all over the prior are examined.
     """
     d = len(surface.middle)
     scattered = surface.middle + surface.spread * rng.standard_normal((PROBES, d))
@@ -236,7 +235,7 @@ def _follow(
 
 
 def trace_box(surface: LogDensity, centre: Array, rng: np.random.Generator) -> TracedRidge:
-    """Return a box with a corner at `centre (D,)`, so small that most of it has finite density."""
+    """Return a box with a corner at `centre (D,)`, so small that it is mostly in the support."""
     inward = np.where(centre - surface.low < surface.high - centre, 1.0, -1.0)
     size = surface.spread
     for _ in range(MAX_SHRINKINGS):
@@ -399,8 +398,7 @@ def _best_fit(
 def _best_degree(degrees: Sequence[int], errors: Callable[[int], Array]) -> tuple[int, float]:
     """Return the degree with the least error, or the first that is good enough, and its error.
 
-    The error of a degree is a quantile of errors, so the few worst points at the ends of the ridge
-    have no effect.
+    The error is a quantile, so the few worst points at the ends of the ridge have no effect.
     """
     best, least = degrees[0], np.inf
     for degree in degrees:

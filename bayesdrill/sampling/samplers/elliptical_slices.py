@@ -14,7 +14,7 @@ from bayesdrill.basics.arrays import Array, Indices
 
 MAX_SHRINKS = 60  # after more shrinks, the range is below rounding and the chain stays
 
-LogWeight = Callable[[Array, Indices], Array]  # arguments: points `(n, m)` and their chains `(n,)`
+LogWeight = Callable[[Array, Indices], Array]  # points `(n, m)`, indices of chains `(n,)` -> `(n,)`
 
 
 def elliptical_slices(

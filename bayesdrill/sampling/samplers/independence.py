@@ -245,8 +245,8 @@ def fit_mixture(
 ) -> Mixture:
     """Fit a mixture to draws `u (N, D)` with `weights (N,)` by expectation-maximisation from `start`.
 
-    In each round the mixture's own draws outside the prior are added, so that the data do not
-    restrict its density there.  Components may then reach beyond an end with nonzero posterior.
+    In each round, draws of the mixture itself outside the prior are added to `u`.  Without them,
+    the mixture would be too low at ends of priors where the posterior density is not zero.
     """
     current = start
     y, jacobian = start.straightened(u)

@@ -61,8 +61,7 @@ def build_monomials(n: int, degree: int) -> Monomials:
 class LocalBasis:
     """The fixed basis gives u = centre + loose psi + tight tau, `loose (D, l)` and `tight (D, t)`.
 
-    `inverse (D, D)` is the inverse of the matrix of all columns.  `log_volume` is the logarithm of
-    that matrix's absolute determinant.
+    `inverse (D, D)` is the inverse of M = (loose, tight), and `log_volume` is log |det M|.
     """
 
     centre: Array
@@ -121,7 +120,7 @@ class RidgeMap:
         return self.along(psi)[0]
 
     def is_covered(self, psi: Array) -> Flags:
-        """Return whether each `psi (W, l)` lies in the ball of the fit's points: `(W,)`."""
+        """Return whether each `psi (W, l)` lies in the ball of the fitted points: `(W,)`."""
         scaled = (psi[:, self.bent] - self.psi_centre) / self.width
         return np.asarray((scaled**2).sum(axis=1) <= 1.0)
 
