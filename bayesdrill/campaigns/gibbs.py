@@ -125,9 +125,9 @@ class Chosen:
 
     def draw(self, centres: Array, root: Array, rng: np.random.Generator) -> Array:
         """Draw the log products `(R, K)` of all runs, given their means `centres (R, K)`."""
-        far = ((self.means - centres)[:, None, :] @ self.axes)[:, 0]
+        gap = ((self.means - centres)[:, None, :] @ self.axes)[:, 0]
         weight = 1.0 / (1.0 + self.variance * self.precision[:, None])  # of the run's own mean
-        moved = weight * far + np.sqrt(weight * self.variance) * rng.standard_normal(far.shape)
+        moved = weight * gap + np.sqrt(weight * self.variance) * rng.standard_normal(gap.shape)
         covariance = np.linalg.inv(root @ root.T)
         return np.asarray(centres + (self.axes @ moved[..., None])[..., 0] @ covariance)
 

@@ -358,10 +358,10 @@ def _run_until_converged(under_way: _Walk, step_limit: int, report: Reporter) ->
     last = max(step_limit, have)
     goal = min(FIRST_CHECK, last)
     trail: list[tuple[int, float]] = []
-    share = 0.01
+    done = 0.01
 
     def tell(steps: int) -> None:
-        report.update(share, f"{steps} of {goal} steps to the next check")
+        report.update(done, f"{steps} of {goal} steps to the next check")
 
     report.update(0.0, "continuing the ensembles" if have else "starting the walkers")
     while True:
@@ -379,16 +379,16 @@ def _run_until_converged(under_way: _Walk, step_limit: int, report: Reporter) ->
             # The progress bar shows N/tau or ESS divided by its target, whichever ratio is smaller.
             n_tau_share = convergence.n_tau / plan.targets.n_tau
             ess_share = float(np.min(convergence.ess_bulk)) / plan.targets.ess
-            share = min(float(np.clip(min(n_tau_share, ess_share), 0.0, 0.99)), goal / following)
-            report.update(share, _state_of(convergence))
+            done = min(float(np.clip(min(n_tau_share, ess_share), 0.0, 0.99)), goal / following)
+            report.update(done, _state_of(convergence))
             if hopeless is not None and not convergence.converged:
                 reasons = (*convergence.reasons, hopeless)
                 convergence = dataclasses.replace(convergence, reasons=reasons, enough=None)
             if convergence.converged or ending:
                 return dataclasses.replace(sampled, convergence=convergence)
         else:
-            share = min(measured.n_tau / plan.targets.n_tau, 0.99)
-            report.update(share, f"{goal} steps: {measured.n_tau:.0f} autocorrelation times")
+            done = min(measured.n_tau / plan.targets.n_tau, 0.99)
+            report.update(done, f"{goal} steps: {measured.n_tau:.0f} autocorrelation times")
         goal = following
 
 

@@ -235,10 +235,10 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
             compression=record.compression,
         )
     sampled = again.with_reasons(mode.doubts)
-    kept = None
+    analysis = None
     if record is not None and record.analysis_of == analysis_mark(job, mode, sampled):
-        kept = record.analysis
-    return SampledRun(job, mode, sampled, stored=kept)
+        analysis = record.analysis
+    return SampledRun(job, mode, sampled, stored=analysis)
 
 
 def write_result(

@@ -347,9 +347,9 @@ def _several_components(mixture: Mixture, u: Array, weights: Array, random: Rand
         known = effective_count(sheet_weights) / (5 * u.shape[1]) if sheet_weights.any() else 0
         count = int(np.clip(known, 0, most))
         if count == 0:  # too few effective draws: the component stays
-            share = max(float(sheet_weights.sum()), NEGLIGIBLE_RIDGE)
+            mass = max(float(sheet_weights.sum()), NEGLIGIBLE_RIDGE)
             components = np.flatnonzero(mixture.sheet == s)
-            parts += [(s, share, mixture.means[k], mixture.roots[k]) for k in components]
+            parts += [(s, mass, mixture.means[k], mixture.roots[k]) for k in components]
             continue
         points = y[s, mine]
         centre, root = moments(points, sheet_weights)

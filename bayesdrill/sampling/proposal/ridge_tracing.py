@@ -251,10 +251,10 @@ def trace_box(surface: LogDensity, centre: Array, rng: np.random.Generator) -> T
 
 def moments(points: Array, weights: Array) -> tuple[Array, Array]:
     """Return mean and covariance root of weighted `points (N, n)`."""
-    share = weights / weights.sum()
-    centre = share @ points
+    weights = weights / weights.sum()
+    centre = weights @ points
     deviations = points - centre
-    covariance = (deviations * share[:, None]).T @ deviations
+    covariance = (deviations * weights[:, None]).T @ deviations
     floor = np.diag(1e-9 * np.diag(covariance) + 1e-12)
     return centre, np.linalg.cholesky(covariance + floor)
 
