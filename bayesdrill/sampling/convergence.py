@@ -268,7 +268,7 @@ def burn_in_wanted(late_tau: float) -> int:
 
 
 def chain_length(theta: Array) -> ChainLength:
-    """Measure the length of chains `theta (E, S, W, D)` of physical unknowns, in units of tau."""
+    """Measure the length of chains `theta (E, S, W, D)` in autocorrelation times."""
     half = theta.shape[1] // 2
     late = float(autocorrelation_time(theta[:, half:]).max())
     burn_in = min(burn_in_wanted(late), half)
@@ -284,7 +284,7 @@ def assess(
     log_p: Array | None = None,
     measured: ChainLength | None = None,
 ) -> Convergence:
-    """Return the convergence of chains `theta (E, S, W, D)` of physical unknowns.
+    """Return the convergence of chains `theta (E, S, W, D)`, such as unknowns in SI.
 
     Walkers at a low density are only found if `log_p (E, S, W)` is given.  `measured` is the length
     of the chains, if it is known already.

@@ -106,7 +106,7 @@ def _quadratic_model(posterior: Posterior, u: Array, directions: Array) -> Quadr
 def prepare(
     pool: WorkerPool, maxima: Array, seed: int, report: Reporter = SILENT
 ) -> LearnedProposal:
-    """Learn the proposal from physical `maxima (M, D)`; the number of processes has no effect."""
+    """Learn the proposal from `maxima (M, D)` in SI; the number of processes has no effect."""
     posterior = pool.posterior
     report.update(0.0, "learning the proposal")
     random = np.random.RandomState(seeds.bits(seed, "learn", 0))
@@ -198,7 +198,7 @@ class Plan:
 class SamplingResult:
     """A sampling result has the chains of a run, their convergence, and estimates from them.
 
-    `theta (E, S, W, D)` is physical, and `segments` are the saved segments of each ensemble.
+    `theta (E, S, W, D)` is in SI, and `segments` are the saved segments of each ensemble.
     `mode_shares (M,)` are the fractions of the draws at each maximum; they and the
     `proposal` are None for a chain read from files.  `with_evidence` computes `evidence`.
     `compression` compares compressed likelihoods with exact ones.  `missed` estimates the posterior
@@ -228,7 +228,7 @@ class SamplingResult:
 
     @property
     def draws(self) -> Array:
-        """Return the nearly independent draws of `theta`, `(E, N, D)`, physical."""
+        """Return the nearly independent draws of `theta` in SI, `(E, N, D)`."""
         return thinned(self.theta, self.convergence.burn_in, self.convergence.thin)
 
     @property
@@ -317,7 +317,7 @@ def sample(
 ) -> SamplingResult:
     """Continue the chains of `backend` to convergence or `max_steps` steps; save every segment.
 
-    `maxima (M, D)` are the physical maxima about which the posterior may have mass, highest first.
+    `maxima (M, D)`, in SI, are those about which the posterior may have mass, the highest first.
     """
     posterior, learnt = pool.posterior, prepare(pool, maxima, plan.seed, report)
     segments = [backend.segments(ensemble) for ensemble in range(plan.ensembles)]
@@ -399,7 +399,7 @@ def _assess(
     theta: Array,
     measured: ChainLength | None = None,
 ) -> SamplingResult:
-    """Return the result of `segments`, which have physical `theta (E, S, W, D)`."""
+    """Return the result of `segments`, whose steps are `theta (E, S, W, D)` in SI."""
     log_p = _stack(segments, "log_p")
     convergence = assess(theta, posterior.space.free, plan.targets, log_p, measured)
     return SamplingResult(segments=segments, theta=theta, convergence=convergence)

@@ -157,7 +157,7 @@ def publish(
 
 def write(report: ComparisonReport, folder: Folder) -> None:
     """Write table, page and figures into an open folder."""
-    from bayesdrill.report import style  # late: matplotlib takes a second to load
+    from bayesdrill.report import style  # imported late, as matplotlib takes a second to load
 
     for name, text in report.texts.items():
         folder.write_text(name, text)

@@ -35,7 +35,7 @@ def save_text(
     Returns the folder.  Raises `InputError` if a file of the record or of another kind would be
     replaced or, without `force`, a file of the same kind.  An interrupted call leaves no files.
     """
-    from bayesdrill.report import style  # late: matplotlib takes a second to load
+    from bayesdrill.report import style  # imported late, as matplotlib takes a second to load
 
     place, output = Path(folder).expanduser(), job.config.output
     output_files.refuse_other_text(place, kind, force=force)
