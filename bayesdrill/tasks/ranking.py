@@ -43,7 +43,7 @@ PAIRED = 4  # all pairs of this many best candidates are tried
 GEARS = (0.1, 0.2, 0.25, 1 / 3, 0.5, 0.7, 1.4, 2.0, 3.0, 4.0, 5.0, 10.0)  # new / given ratio
 CLOCKS = (0.95, 0.97, 0.98, 0.99, 0.995, 1.005, 1.01, 1.02, 1.03, 1.05)  # true / recorded time
 FINEST_GEAR, FINEST_CLOCK = 1e-3, 1e-5  # smallest distances between tried values
-LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # omitted beginning / duration
+LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # omitted beginning / whole record
 SEEK_ROUNDS, SAME_HEIGHT = 8, 1.0  # limit of rounds; smaller differences of log evidence end them
 HANDED_OVER = 4  # number of refits that run at the same time
 # After this total of evaluations in all refits, no combination is refitted.  The evaluations take
