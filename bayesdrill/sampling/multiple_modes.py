@@ -38,7 +38,7 @@ SAME_RIDGE_SDS = 3.0  # in standard deviations: a point this near to a ridge is 
 VALLEY_BETWEEN_MODES = 0.5  # in log density: shallower valleys are ripples of one maximum
 VALLEY_PROBES = 24  # points between two maxima at which the density is compared
 GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # for uneven spacing of the probes
-KNOWN_BONUS = 1e-6  # in log density: a new point must be higher by this to replace a known maximum
+KNOWN_BONUS = 1e-6  # in log density: a new point on a known ridge is dropped unless higher by this
 
 
 def best_ends(
@@ -59,7 +59,7 @@ def distinct_modes(
 ) -> list[int]:
     """Return the indices of `points (n, D)` that are distinct maxima, the highest first.
 
-    The first `n_known` points are known to be distinct; other points on their ridges are dropped.
+    The first `n_known` points are known to be distinct, so they are not compared with each other.
     """
     rank = values + np.where(np.arange(len(values)) < n_known, KNOWN_BONUS, 0.0)
     order = [int(k) for k in np.argsort(-rank, kind="stable")]
