@@ -28,7 +28,7 @@ from bayesdrill.sampling.convergence import Convergence
 MIN_RUNS = 3  # fewer runs hardly determine their spread
 MIN_TIMED_RUNS = 8  # with fewer different times, drifts and changes are not searched
 MAX_ERROR = 0.05  # largest acceptable `RunMixture.error`, a difference of probabilities
-NOTED_PRECISION = 0.1  # prior precision of coefficients of noted columns (covariates), in Sigma^-1
+NOTED_PRECISION = 0.1  # prior precision of coefficients of noted columns, relative to Sigma^-1
 MAD_TO_SD = 1.4826  # sd of a normal distribution divided by its median absolute deviation
 SUSPICIOUS = 4.0  # a run this many sds from the median of its rig may be foreign
 ALARM = 0.05  # an alarm is raised if the probability of a constant level is smaller
