@@ -1,4 +1,4 @@
-"""Fit the many runs of a campaign, and combine their determined products as a population.
+"""Fit the many runs of a campaign, and find the population of their products of parameters.
 
 `runs` lists the runs, `records` checks all records, and `fits` fits each run and keeps its draws.
 `study` runs these steps.  `watch` repeats them as files arrive, and `simulation` makes campaigns.

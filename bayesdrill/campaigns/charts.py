@@ -16,8 +16,8 @@ from bayesdrill.report import scales, style
 from bayesdrill.report.pages import build_page, label_outside, legend_above
 from bayesdrill.report.style import Axes, Figure
 
-MOST_LINKED = 500  # upper limit of the number of points that are links to pages
-MOST_SHOWN = 2000  # upper limit of the number of runs in a chart, to which outliers are added
+MOST_LINKED = 500  # largest number of points that are links to pages
+MOST_SHOWN = 2000  # largest number of runs in a chart, in addition to outliers
 BAR = style.fix_look(color=style.MIDDLE, linewidth=0.6, zorder=2)
 DOT = style.fix_look(color=style.BLACK, marker="o", markersize=2.2, linestyle="none")
 FOREIGN = style.fix_look(
@@ -88,7 +88,7 @@ def relative_positions(
 
 
 def _panel(panel: Axes, population: PopulationFit, k: int, x: Array) -> Array:
-    """Draw the runs of product `k` at `x (R,)` in front of the intervals of a next run.
+    """Draw product `k` of each run at `x (R,)`, in front of the intervals of a next run.
 
     The intervals follow the level of the product over time.  Returns the y of the points.
     """

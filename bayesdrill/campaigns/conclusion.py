@@ -1,4 +1,4 @@
-"""Find runs and products of a population that need attention, and describe them in sentences."""
+"""Find runs and products of parameters that need attention, and describe them in sentences."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def concluded(
 def _findings(chart: ControlChart, timed: Sequence[str]) -> Iterator[tuple[str, str]]:
     """Yield a finding and its details for the drift, the random walk or each change of a product.
 
-    `timed` are the names of the runs in order of time.
+    `timed` has the names of the runs in order of time.
     """
     history, product = chart.history, chart.product
     probability = f"probability {100 * history.probabilities[history.best]:.0f} %"

@@ -13,7 +13,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.campaigns.runs import CampaignRun
 
-MAX_DRAWS = 1000  # upper limit of draws that are used from each run; more hardly change its mixture
+MAX_DRAWS = 1000  # largest number of draws used from each run; more hardly change its mixture
 MOST_ATTEMPTS = 3  # largest number of attempts to sample a run, each with another seed
 
 
@@ -66,5 +66,5 @@ class CampaignDraws:
 
     @property
     def noted(self) -> tuple[str, ...]:
-        """Return the names of the noted columns: covariates that were recorded for any run."""
+        """Return the names of the noted columns, which are covariates recorded for some run."""
         return tuple(dict.fromkeys(name for run in self.runs for name in run.noted))

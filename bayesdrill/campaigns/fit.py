@@ -53,8 +53,8 @@ class ControlChart:
 class LeaveOneOut:
     """Each run is compared with the intervals that all other runs predict for it.
 
-    within_50: fraction of all pairs of run and product inside their 50 % interval
-    within_90: fraction of all pairs of run and product inside their 90 % interval
+    within_50: fraction of all products of all runs that lie inside their 50 % interval
+    within_90: fraction of all products of all runs that lie inside their 90 % interval
     """
 
     within_50: float
@@ -105,9 +105,9 @@ def fit_population(
 ) -> PopulationFit:
     """Fit the population of all runs.
 
-    If products drift or change, the population describes the end of the campaign.  A drift and each
-    change are covariates with a coefficient.  The mean level of a random walk is subtracted from
-    the runs.
+    If products drift or change, the population describes the end of the campaign.  The drift and
+    each change are covariates with a coefficient.  If a product walks at random, the mean level of
+    the walk is subtracted from the runs.
 
     Parameters
     ----------
@@ -181,8 +181,8 @@ def fit_population(
 def _contaminated(mixtures: Sequence[RunMixture], rig: Indices) -> list[RunMixture]:
     """Add a wide component to the mixture of each run that is far from the median of its rig.
 
-    With the prior probability `FOREIGN` such a run is foreign.  FOREIGN_SD^2 is then added to its
-    variance in the products in which it is far away, so it hardly affects spread and centre.
+    Such a run is foreign with the prior probability `FOREIGN`.  If so, FOREIGN_SD^2 is added to its
+    variance in the products in which it is far away, and it hardly affects spread and centre.
     """
     mean = np.array([run.mean for run in mixtures])
     for g in np.unique(rig):
@@ -248,7 +248,7 @@ def _histories(
 def _trends(
     histories: tuple[LevelHistory, ...], draws: CampaignDraws, order: Indices
 ) -> tuple[Array, Array, Array]:
-    """Return levels of walks `(R, K)`, columns of drifts and changes, and walks' final sds `(K,)`.
+    """Return walks' levels `(R, K)`, columns of drifts and changes, and walks' final sds `(K,)`.
 
     Levels and columns are zero at the end of the campaign, and for runs without a time.
     """

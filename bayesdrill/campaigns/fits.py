@@ -43,7 +43,7 @@ from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
 FORM = 1  # version of the files of draws
 SEARCHES = 3  # searches of a run's maximum: one starts at the reference, the others at prior draws
-WALKERS = 64  # upper limit of walkers, but at least 4 per unknown; the wanted draws need no more
+WALKERS = 64  # upper limit of walkers (unless 4 per unknown are more), which give enough draws
 BATCH = 200  # number of runs whose records are in memory at the same time
 INTERIM = "log_interim"
 BEYOND = "its draws lie outside the priors"
@@ -112,11 +112,11 @@ def shown_products(
 ) -> tuple[KnownProduct, ...]:
     """Return independent products that the record determines without the priors of other unknowns.
 
-    A product is not returned if only the ends of these priors narrow it.
+    So a product is not returned if only the ends of such priors make its posterior narrow.
     """
     simple = simple_exponents(len(prior_sd))
-    share = information.bounds_of(simple) / np.linalg.norm(simple * prior_sd, axis=1)
-    return products(information, prior_sd, simple[share < settings.determined], settings)
+    ratio = information.bounds_of(simple) / np.linalg.norm(simple * prior_sd, axis=1)
+    return products(information, prior_sd, simple[ratio < settings.determined], settings)
 
 
 def _why_not(product: KnownProduct) -> str:
@@ -128,7 +128,7 @@ def _why_not(product: KnownProduct) -> str:
 
 
 def seed_of(plan: CampaignPlan, run: CampaignRun, attempt: int = 1) -> int:
-    """Return the seed of a run, which follows from its name, the campaign's seed, and the attempt."""
+    """Return the seed of a run, a digest of its name, the campaign's seed, and the attempt."""
     again = f" {attempt}" if attempt > 1 else ""
     return int(digest_of(f"{plan.spec.seed} {run.name}{again}"), 16)
 
@@ -162,12 +162,12 @@ def fit_run(posterior: Posterior, plan: FitPlan, reference: Reference) -> Fitted
     logs = np.log(draws[evenly_spaced(len(draws))][:, columns]) @ powers.T
     priors = [posterior.space.priors[name] for name in reference.names]
     log_interim = log_density_of_products(logs, powers, priors)
-    sure = np.isfinite(log_interim)  # draws at ends of priors may lie beyond all nodes
+    inside = np.isfinite(log_interim)  # draws at ends of priors may lie beyond the quadrature nodes
     summaries = residual_summaries(posterior.likelihood, posterior.space.vector(mode.values))
     misfit = residual_reasons(summaries)
     return FittedRun(
-        log_products=logs[sure],
-        log_interim=log_interim[sure],
+        log_products=logs[inside],
+        log_interim=log_interim[inside],
         reasons=(*finding_sentences(sampled.convergence.reasons), *misfit),
         misfit=misfit,
     )
@@ -207,13 +207,13 @@ class _Stage(Silent):
 def fit_runs(
     campaign: CheckedCampaign, folder: Path, crew: RefitExecutor, report: Reporter
 ) -> None:
-    """Fit the good runs without complete draws in `folder`; write draws whenever a run is done.
+    """Fit each good run whose draws in `folder` are missing or incomplete, and write its draws.
 
     The draws of a run do not depend on other runs.
     """
     plan, reference, marks = campaign.plan, campaign.reference, campaign.marks
     runs = [run for run in plan.runs if run.name in marks]
-    attempts = dict[str, int]()  # number of the coming attempt of each run to be sampled
+    attempts = dict[str, int]()  # for each run to be sampled, the number of the coming attempt
     for run in runs:
         kept = read_draws(folder, run.name, marks[run.name])
         if kept is None or not kept.complete:
@@ -257,7 +257,7 @@ def draws_marks(digests: Mapping[str, str], reference: Reference) -> dict[str, s
 
 
 def path_of(folder: Path, name: str) -> Path:
-    """Return the path of a run's draws; a number replaces the name, which may be no file name."""
+    """Return the path of a run's draws; a number is used, as the name may be no valid file name."""
     return folder / DRAWS / f"{number_of(name)}.parquet"
 
 
@@ -329,8 +329,8 @@ def determined_products(
 ) -> tuple[CheckedCampaign, Mapping[str, FittedRun]]:
     """Return campaign and draws with only those products that more than half of the runs determine.
 
-    A run determines a product if sd(draws) / sd(prior) is below `determined` of `identify:`.
-    The interim prior of the remaining products is the marginal density of the former prior.
+    A run determines a product if sd(draws) / sd(prior) is below `determined` of `identify:`.  The
+    interim prior of the remaining products is the marginal of the interim prior of all products.
     Raises `InputError` if no product remains.
     """
     reference, job = campaign.reference, campaign.job
@@ -360,9 +360,9 @@ def determined_products(
             )
             known = [priors[name] for name in reference.names]
             density = log_density_of_products(logs, powers[kept], known)
-            sure = np.isfinite(density)
+            inside = np.isfinite(density)
             draws[run.name] = replace(
-                fitted[run.name], log_products=logs[sure], log_interim=density[sure]
+                fitted[run.name], log_products=logs[inside], log_interim=density[inside]
             )
     reduced = replace(
         reference,

@@ -2,7 +2,7 @@
 
 A t distribution is a normal distribution whose precision has a gamma distribution.  For each run, a
 mixture component and this precision are drawn first, with the run's log products integrated out.
-Given both, coefficients and levels are normal, and then the log products of each run are normal.
+Given both, coefficients and levels are normal; given these, too, the log products are normal.
 Covariances have the prior of Huang and Wand (2013): half-t standard deviations and uniform
 correlations.  A missing covariate is an unknown with a standard normal prior.
 """
@@ -24,7 +24,7 @@ BATCH = 1 << 19  # approximate number of elements of a temporary array
 RIG_UPDATES = 8  # number of updates of the rigs' mean and covariance in each sweep
 PRECISION_NODES = 24  # number of quadrature nodes for the precision of a run
 CUT_MASS = 1e-9  # probability of a precision below the first node, and above the last
-LEAST_STEP, MOST_STEP = 0.05, 2.0  # bounds of the sd of a Metropolis step of log spread
+LEAST_STEP, MOST_STEP = 0.05, 2.0  # bounds of the random sd of a Metropolis step of a log spread
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +59,7 @@ def log_t(squares: Array, nu: Array | float, n_products: int) -> Array:
 
 
 def start(data: RunArrays, spread_scale: float, rng: np.random.Generator) -> GibbsState:
-    """Return a random start near the median of the runs, with their sds times random factors."""
+    """Return a random start near the median of the runs; spreads are sds times random factors."""
     means = data.mean
     n_runs, n_products = means.shape
     sds = (means.std(axis=0) + 0.1 * spread_scale) * np.exp(0.5 * rng.standard_normal(n_products))
@@ -102,7 +102,7 @@ def sweep(
     count = len(z) + int((data.precision > 0).sum())
     root, scales = _update_covariance(scatter, count, state.scales, spread_scale, rng)
     squares = ((residuals @ root) ** 2).sum(axis=1)
-    # Juarez and Steel's (2010) prior of nu, Gamma(2, 1/10), on an even grid of log nu
+    # The prior of nu is Gamma(2, 1/10) (Juarez and Steel 2010), here on an even grid of log nu.
     log_p = log_t(squares[:, None], FREEDOMS, len(root)).sum(axis=0)
     log_p += 2.0 * np.log(FREEDOMS) - FREEDOMS / 10.0
     p = np.exp(log_p - log_p.max())
@@ -125,9 +125,9 @@ class Chosen:
 
     def draw(self, centres: Array, root: Array, rng: np.random.Generator) -> Array:
         """Draw the log products `(R, K)` of all runs, given their means `centres (R, K)`."""
-        apart = ((self.means - centres)[:, None, :] @ self.axes)[:, 0]
-        share = 1.0 / (1.0 + self.variance * self.precision[:, None])  # weight of the run's mean
-        moved = share * apart + np.sqrt(share * self.variance) * rng.standard_normal(apart.shape)
+        gap = ((self.means - centres)[:, None, :] @ self.axes)[:, 0]
+        weight = 1.0 / (1.0 + self.variance * self.precision[:, None])  # of the run's own mean
+        moved = weight * gap + np.sqrt(weight * self.variance) * rng.standard_normal(gap.shape)
         covariance = np.linalg.inv(root @ root.T)
         return np.asarray(centres + (self.axes @ moved[..., None])[..., 0] @ covariance)
 
@@ -147,9 +147,9 @@ def choose(data: RunArrays, state: GibbsState, rng: np.random.Generator) -> tupl
         variance, axes = np.linalg.eigh(state.root.T @ data.covariances[part] @ state.root)
         # Rounding may make a variance negative.
         variance, axes = np.maximum(variance, 0.0), state.root @ axes
-        apart = ((data.means[part] - centres[part, None])[..., None, :] @ axes)[..., 0, :]
+        deviation = ((data.means[part] - centres[part, None])[..., None, :] @ axes)[..., 0, :]
         total = variance[..., None, :] + 1.0 / nodes[:, None]
-        log_p = -0.5 * (apart[..., None, :] ** 2 / total + np.log(total)).sum(axis=-1)
+        log_p = -0.5 * (deviation[..., None, :] ** 2 / total + np.log(total)).sum(axis=-1)
         log_p = (log_p + data.log_weights[part, :, None] + log_mass).reshape(len(axes), -1)
         top = log_p.max(axis=1, keepdims=True)
         sums = np.cumsum(np.exp(log_p - top), axis=1)
@@ -168,8 +168,8 @@ def _rescale(
 ) -> tuple[GibbsState, Array]:
     """Multiply the spread and all runs' deviations by a common factor, one product after another.
 
-    Without these Metropolis steps chains mix slowly: for given runs, spreads change little, and for
-    given spreads, runs change little (Yu and Meng 2011).
+    Without these Metropolis steps, chains mix slowly: spreads change little while runs are fixed,
+    and runs change little while spreads are fixed (Yu and Meng 2011).
     """
     n_products, centres = z.shape[1], state.centres(data.rig)
     size = np.exp(rng.uniform(np.log(LEAST_STEP), np.log(MOST_STEP), n_products))
@@ -211,7 +211,7 @@ def _log_likelihood(data: RunArrays, z: Array) -> float:
 def _precisions(nu: float) -> tuple[Array, Array]:
     """Return nodes and log masses of a gamma distribution with mean 1 and shape `nu / 2`.
 
-    The trapezoidal rule in the logarithm is also accurate for far outliers, of small precision.
+    The trapezoidal rule in the logarithm is accurate even for the small precision of far outliers.
     """
     half = 0.5 * nu
     low, high = (
@@ -244,7 +244,7 @@ def _impute(
 def _update_coefficients(
     data: RunArrays, state: GibbsState, chosen: Chosen, rng: np.random.Generator
 ) -> GibbsState:
-    """Draw coefficients and, with several rigs, levels of rigs; log products are integrated out."""
+    """Draw coefficients and, of several rigs, the levels; log products are integrated out."""
     slopes, levels, x = state.slopes, state.levels, state.design
     inverse = state.root @ state.root.T
     scale = 1.0 / (chosen.variance + 1.0 / chosen.precision[:, None])
@@ -266,7 +266,7 @@ def _update_coefficients(
 
 
 def _normal(precision: Array, moment: Array, rng: np.random.Generator) -> Array:
-    """Draw from normal distributions with `precision (..., n, n)` and mean times precision."""
+    """Draw from normal distributions with `precision (..., n, n)` and `moment` precision @ mean."""
     root = np.linalg.cholesky(precision)
     half = np.linalg.solve(root, moment[..., None]) + rng.standard_normal((*moment.shape, 1))
     return np.asarray(np.linalg.solve(np.swapaxes(root, -1, -2), half)[..., 0])

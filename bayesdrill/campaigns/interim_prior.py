@@ -6,8 +6,8 @@ unknowns, x_d with the square block A_d, follow from z and the D - K free unknow
     p(z) = integral of p_d(A_d^-1 (z - A_f x_f)) p_f(x_f) dx_f / |det A_d|.
 
 Along the first free unknown, the interval inside all priors is known exactly, so Gauss-Legendre
-quadrature over this interval is accurate.  The other free unknowns are quantiles of their priors at
-lattice points.  The lattice is the same for all z, so that the density is continuous in z.
+quadrature over this interval is accurate.  The values of other free unknowns are quantiles of their
+priors at lattice points.  The lattice is the same for all z, so the density is continuous in z.
 """
 
 from __future__ import annotations

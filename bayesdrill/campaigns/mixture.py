@@ -26,10 +26,10 @@ from bayesdrill.sampling.samplers.independence import (
 MAX_COMPONENTS = 6
 ITERATIONS = 200  # largest number of iterations of expectation maximisation
 TOLERANCE = 1e-4  # iterations stop if the mean log density grows by less
-INDEPENDENT = 0.5  # fraction of effective draws that the BIC counts; draws are autocorrelated
+INDEPENDENT = 0.5  # fraction of effective draws that the BIC counts, as draws are autocorrelated
 CRITICAL = 1.63  # critical value of a Kolmogorov-Smirnov test at 1 %, times sqrt(number of draws)
 VARIANCE_FLOOR = 1e-6  # variance added to a component, relative to the variance of all draws
-LEAST_SD = 1e-9  # lower limit of the sd of a log product; keeps the covariance of few draws regular
+LEAST_SD = 1e-9  # lower limit of the sd of a log product: few draws may have a singular covariance
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class RunMixture:
 
     `mean (K,)` and `covariance (K, K)` are the moments of the weighted draws.  `error` is the
     largest difference between the distribution functions of draws and mixture, minus its critical
-    value.  It is evaluated for each product, and along directions with uncorrelated draws.
+    value, over all products and over K directions in which draws are uncorrelated.
     """
 
     log_weights: Array
@@ -107,7 +107,7 @@ def _difference(z: Array, weights: Array, fitted: Mixture, direction: Array) -> 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunArrays:
-    """The mixtures of R runs have `log_weights (R, C)`, -inf in padding, `means` and `covariances`.
+    """The mixtures of R runs have `log_weights (R, C)` (-inf if padded), `means`, `covariances`.
 
     `roots` times their transposes are the inverse covariances.  `log_norms (R, C)` are the logs of
     weight times density at the mean of each component, up to a constant.

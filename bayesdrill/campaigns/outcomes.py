@@ -1,8 +1,8 @@
 """Describe a fitted population: its products and runs, the next run, and the nominal table.
 
-All levels, spreads and intervals are in natural logarithms of the products, so that 0.05 is about 5 %.
-A spread is half the width of the interval that holds the central 68 % of the runs.  It is the
-standard deviation of normal runs.  A few foreign runs widen the tails, but hardly the spread.
+All levels, spreads and intervals are in natural logarithms of the products: 0.05 is about 5 %.
+A spread is half the width of the interval that holds the central 68 % of the runs.  If runs are
+normal, it is their standard deviation; a few foreign runs (outliers) hardly widen it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from bayesdrill.basics.arrays import Array, StoredArray
 from bayesdrill.campaigns.mixture import RunArrays
 from bayesdrill.campaigns.population import NominalRange, PopulationDraws, sds_of
 
-SAME_RUNS = 0.05  # a nominal value agrees if `probability` is larger, see `TableComparison`
+SAME_RUNS = 0.05  # a nominal value agrees if `TableComparison.probability` is larger
 FALSE_OUTLIERS = 0.01  # expected number of false outliers in a campaign without foreign runs
 FOLLOWERS = 20  # number of simulated next runs for each draw of the population
 
@@ -141,7 +141,7 @@ class NotedEffect:
 def next_runs(
     draws: PopulationDraws, start: Array, design: Array, rng: np.random.Generator
 ) -> Array:
-    """Draw log products `(M * FOLLOWERS, K)` of next runs about levels `start (M, K)`.
+    """Draw log products `(M * FOLLOWERS, K)` of next runs, whose levels are `start (M, K)`.
 
     Each next run has the covariates of a random run of the campaign, a row of `design (R, p)`.
     """
@@ -226,8 +226,8 @@ def noted_effects(
     draws: PopulationDraws, columns: tuple[str, ...], products: tuple[str, ...]
 ) -> tuple[NotedEffect, ...]:
     """Describe the effect of each noted column (of variance 1) on each log product."""
-    rest = draws.spread**2 + sds_of(draws.rig_covariance) ** 2
-    total = (draws.slopes[:, : len(columns)] ** 2).sum(axis=1) + rest
+    unexplained = draws.spread**2 + sds_of(draws.rig_covariance) ** 2
+    total = (draws.slopes[:, : len(columns)] ** 2).sum(axis=1) + unexplained
     return tuple(
         NotedEffect(
             column=column,

@@ -59,7 +59,7 @@ def page_name(run: str) -> str:
 
 
 def known_reasons(folder: Path, marks: Mapping[str, str]) -> dict[str, str]:
-    """Return the reasons by run, from pages of runs whose draws still have these `marks`."""
+    """Return the reasons by run, from pages that were made from draws with these `marks`."""
     reasons = dict[str, str]()
     for run, mark in marks.items():
         path = (folder / page_name(run)).with_suffix(".json")
@@ -143,8 +143,8 @@ def write_run(
     posterior = fits.started_at(job.problem.posterior, reference.values)
     mode = crew.submit(search, posterior, fit_plan(job)).result()
     job = job.with_steps_at(mode)
-    left = conclusions.residuals(job, mode)
-    causes = conclusions.causes(job, mode, left, crew.submit, report)
+    fit = conclusions.residuals(job, mode)
+    causes = conclusions.causes(job, mode, fit, crew.submit, report)
     reason = likely_reason(outcome, causes)
     sections = run_sections(outcome, reference.products, reason, causes)
     shown = MapReport(job.problem, job.config, mode)

@@ -1,11 +1,11 @@
-"""Sample how logs of products of parameters are distributed over a population of runs.
+"""Sample the distribution of products of parameters, in logs, over a population of runs.
 
 The K log products of run r, which has rig g and covariates x_r, are
 
     z_r = eta_g + B' x_r + e_r,    e_r ~ t_nu(0, Sigma),    eta_g ~ N(mu, Sigma_rig),
 
-where eta_g = mu if there is one rig.  The likelihood of a population is the product over runs of the
-integral of p(z_r | population) L_r(z_r).  The likelihood L_r is the run's posterior divided by its
+where eta_g = mu if there is one rig.  The likelihood of a population is the product, over runs, of
+the integrals of p(z_r | population) L_r(z_r).  Here L_r is the run's posterior divided by its
 interim prior (Hogg, Myers and Bovy 2010), and is described by a mixture of normal distributions.
 
 Chains of Gibbs sampling (see `gibbs.py`) run until they pass the checks of `convergence.py`.
@@ -28,7 +28,7 @@ from bayesdrill.sampling.convergence import Convergence, Targets, assess, chain_
 CENTRAL = float(scipy.special.ndtr(1.0))  # standard normal distribution function at 1
 FIRST_CHECK = 800  # number of sweeps before the first check of convergence
 NO_SPREAD = 1e-3  # added to sds whose logarithms are checked, as smaller sds need not converge
-MOST_STATES = 2000  # upper limit of stored states of a chain; then every other state is dropped
+MOST_STATES = 2000  # largest number of stored states of a chain; beyond it, every other is dropped
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,11 +62,11 @@ class PopulationSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PopulationDraws:
-    """M draws of the population have its parameters, arrays `(M, ...)`, and results for R runs.
+    """M draws of the population's parameters are arrays `(M, ...)`, with results for R runs.
 
     `covariance` is Sigma, `rig_covariance` is Sigma_rig (zero with one rig), and `levels` are eta_g.
     `log_likelihood (M, R)` has the term of each run.  `run_means` and `run_sds (R, K)` are the means
-    and sds of the log products of runs as members of the population.
+    and sds of the runs' log products, given their records and the population.
     """
 
     mean: Array
@@ -148,9 +148,9 @@ def _population_draws(
     for m, state in enumerate(states):
         chosen, log_likelihood[m] = choose(data, state, rng)
         z = chosen.draw(state.centres(data.rig), state.root, rng)
-        apart = z - shrunk
-        shrunk += apart / (m + 1)
-        spread += apart * (z - shrunk)  # Welford (1962)
+        deviation = z - shrunk
+        shrunk += deviation / (m + 1)
+        spread += deviation * (z - shrunk)  # Welford (1962)
 
     def stacked(name: str) -> Array:
         return np.array([getattr(state, name) for state in states])

@@ -21,7 +21,7 @@ from bayesdrill.config.job import Job, assemble
 from bayesdrill.config.records import sources
 from bayesdrill.results import provenance
 
-# Ratios of units that are easily exchanged; the keys are words of a message.
+# Ratios of units that are easily mistaken for each other; the keys are words of a message.
 EXCHANGED: Mapping[str, float] = {
     "rpm and rad/s": 30.0 / math.pi,
     "degrees and radians": 180.0 / math.pi,
@@ -34,7 +34,7 @@ FACTOR_TOLERANCE = 0.05  # largest relative deviation from such a ratio that is 
 
 @dataclass(frozen=True, slots=True)
 class KnownRecord:
-    """A record with this stamp (see `stamp_of`) has a digest, unknowns, and sds of its channels."""
+    """A record whose file had this `stamp` has a digest, unknowns, and sds of its channels."""
 
     stamp: tuple[int, ...]
     digest: str

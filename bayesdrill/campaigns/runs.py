@@ -61,7 +61,7 @@ class CampaignPlan:
     notes: tuple[str, ...] = ()
 
 
-Listed = list[tuple[CampaignRun, Any]]  # each with its time as written; None or "" means no time
+Listed = list[tuple[CampaignRun, Any]]  # runs, and their times as written; None or "": no time
 NumberedRow = tuple[int, Sequence[Any]]  # the number of a row of a table, and its cells
 
 
@@ -219,7 +219,7 @@ def _run(
 
 
 def _csv(path: Path) -> tuple[list[str], Sequence[NumberedRow]]:
-    """Return the header, and the other rows with their numbers; blank lines are skipped."""
+    """Return the header, and the other rows with their row numbers; blank lines are skipped."""
     lines = decode(path).splitlines()
     mark = max(",;\t", key=next((line for line in lines if line.strip()), "").count)
     try:
@@ -301,7 +301,7 @@ def _seconds(time: object, unit: TimeUnit) -> tuple[str, float]:
 
 
 def _repeated(runs: Sequence[CampaignRun]) -> Iterable[Issue]:
-    """Yield an issue for each run that has the name, the file, or rig and time of another run."""
+    """Yield an issue for each run with the name, the file, or both rig and time of another run."""
     names, files = dict[str, CampaignRun](), dict[str, CampaignRun]()
     times = dict[tuple[str, float], str]()
     for run in runs:

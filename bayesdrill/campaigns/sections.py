@@ -63,7 +63,7 @@ def products_table(population: PopulationFit) -> Table:
 
 
 def noted_table(population: PopulationFit) -> Table | None:
-    """Return the table of noted columns, with the fraction of the variance that each explains."""
+    """Return the table of noted columns, with the fraction of variance that a column explains."""
     lines = [
         {
             "column": effect.column,
@@ -107,10 +107,10 @@ def campaign_sections(
     tone: Tone = "bad" if doubts else "good" if steady else "doubt"
     badge = "not to be believed" if doubts else "steady" if steady else "needs a look"
     warning = "\n".join(["DO NOT BELIEVE this population:", *(f"  {x}" for x in doubts)])
-    held = population.leave_one_out
+    check = population.leave_one_out
     coverage = (
-        f"if each run is left out in turn, {100 * held.within_50:.0f} % of runs lie in the 50 % "
-        f"intervals of the others, and {100 * held.within_90:.0f} % in their 90 % intervals"
+        f"if each run is left out in turn, {100 * check.within_50:.0f} % of runs lie in the 50 % "
+        f"intervals of the others, and {100 * check.within_90:.0f} % in their 90 % intervals"
     )
     foreign = [alarm.sentence for alarm in record.outliers]
     bad = [f"{name}: {reason}" for name, reason in record.not_used.items()]
@@ -174,10 +174,10 @@ def run_sections(
         | level_cells("in the population", "+- there", shrunk, shrunk_sd)
         for product, alone, alone_sd, shrunk, shrunk_sd in zip(products, *numbers, strict=True)
     )
-    said = f"It is {outcome.sds:.3g} sds from the other runs in {outcome.worst}."
-    said += f"\nIts likely reason: {reason}." if reason else ""
+    text = f"It is {outcome.sds:.3g} sds from the other runs in {outcome.worst}."
+    text += f"\nIts likely reason: {reason}." if reason else ""
     sections = (
-        build("In the campaign", said, table_of(lines, "")),
+        build("In the campaign", text, table_of(lines, "")),
         build("What would explain the misfit", *causes_section.candidates(causes)),
     )
     return tuple(section for section in sections if section.blocks)

@@ -7,7 +7,7 @@ of the level are compared by evidence, summed over grids of s, of the moment of 
 
     constant   level = 0
     drift      level = d (t_i - t_last) / (t_last - t_first),  d ~ N(0, SIZE^2)
-    changes    level = sum of sizes of the changes before i,   size ~ N(0, SIZE^2), any moment alike
+    changes    level = sum of sizes of the changes before i,   size ~ N(0, SIZE^2), moment ~ uniform
     walk       level_i - level_(i-1) ~ N(0, q^2 (t_i - t_(i-1)) / (t_last - t_first))
 
 Except for the grids, all is exact linear-Gaussian algebra: cumulative sums over runs give the
@@ -15,8 +15,8 @@ evidence of a change at every moment (Smith 1975), and a Kalman filter the evide
 Changes are added one at a time, until a further change is improbable.
 
 Any run may be foreign, with the prior probability FOREIGN; FOREIGN_SD^2 is then added to the
-variance of e_i.  The evidence is summed over sets of foreign runs, among those farthest from their
-neighbours in time.  So a foreign run is not mistaken for a change, and does not hide a change.
+variance of e_i.  The evidence is summed over sets of foreign runs, which are chosen among the runs
+farthest from their neighbours in time.  So a foreign run neither looks like a change nor hides one.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MAX_CHANGES = 10
 HALF_T_FREEDOM = 2.0  # degrees of freedom of the half-t prior of s, as for the population's sds
 # Scale of the prior of s.  With 0.1, a large s would explain a change and a foreign run of 15 %.
 SPREAD_SCALE = 0.03
-SMALLEST_SPREAD = 1e-5  # lower limit of the sd that scales the grid of s, so that sums keep digits
+SMALLEST_SPREAD = 1e-5  # lower limit of the sd that scales the grid of s, as sums lose digits below
 REGRESSOR_SD = 10.0  # prior sd of the coefficients of regressors
 MIN_SPREADS, MAX_SPREADS = 12, 40  # bounds of the number of grid values of s
 WALKS = 8  # number of grid values of q
@@ -44,9 +44,9 @@ NEIGHBOURS = 4  # number of runs in the medians before and after a run, see `_se
 MAD_FACTOR = 2.0  # sd of normal runs divided by the median of `deviation` in `_series`
 FOREIGN = 0.03  # prior probability that a run is foreign
 FOREIGN_SD = 0.2  # additional prior sd of a foreign run about the level, in logs
-SUBSETS_OF = 3  # All subsets of this many farthest runs are tried; larger sets are the k farthest.
+SUBSETS_OF = 3  # All subsets of this many farthest runs are tried; larger sets have the k farthest.
 MOST_FOREIGN = 0.3  # largest fraction of runs that may be foreign
-# A set of foreign runs is dropped if its probability, relative to the likeliest set, is smaller.
+# A set of foreign runs is dropped if its probability / the largest is smaller in each description.
 NEGLIGIBLE = 1e-2
 
 
@@ -148,7 +148,7 @@ class _Series:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _LinearFit:
-    """A linear fit has log evidence `(..., )`, and the mean and inverse covariance of coefficients."""
+    """A linear fit has log evidence `(...)`, and mean and inverse covariance of coefficients."""
 
     log_evidence: Array
     mean: Array
@@ -206,7 +206,7 @@ def level_history(t: Array, y: Array, variance: Array, regressors: Array) -> Lev
 
 
 def _series(t: Array, y: Array, c: Array, h: Array) -> _Series:
-    """Make the grid of s, and of sets of foreign runs that are probable for any description."""
+    """Make the grid of s, and of the sets of foreign runs that a description makes probable."""
     residuals = y - h @ np.linalg.lstsq(h, y, rcond=None)[0]
     deviation = np.minimum(_distance(residuals), _distance(residuals[::-1])[::-1])
     sd = max(MAD_FACTOR * float(np.median(deviation)), SMALLEST_SPREAD)
@@ -245,7 +245,7 @@ def _series(t: Array, y: Array, c: Array, h: Array) -> _Series:
 
 
 def _foreign_sets(deviation: Array) -> Array:
-    """Return masks `(n, R)` of sets of runs that may be foreign: those of largest `deviation`."""
+    """Return masks `(n, R)` of sets of runs that may be foreign, those of largest `deviation`."""
     n_runs = len(deviation)
     rank = np.argsort(np.argsort(-deviation, kind="stable"))
     most = int(MOST_FOREIGN * n_runs)
@@ -256,7 +256,7 @@ def _foreign_sets(deviation: Array) -> Array:
 
 
 def _distance(residuals: Array) -> Array:
-    """Return each run's distance from the median of runs just before it; infinite for the first."""
+    """Return each run's distance from the median of the runs just before; the first is infinite."""
     padded = np.pad(residuals[:-1], (NEIGHBOURS, 0), constant_values=np.nan)
     before = np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS)
     return np.asarray(np.abs(residuals - np.append(np.inf, np.nanmedian(before[1:], axis=1))))

@@ -22,11 +22,11 @@ import scipy
 from bayesdrill.basics.arrays import Array, Flags, Indices, StoredArray
 from bayesdrill.basics.findings import Finding
 
-# A walker is stuck if its longest stay is at least `STUCK_SHARE` times the number of kept steps
-# and, unless most walkers stay as long, `STUCK_RATIO` times the median of the longest stays.
+# A walker is stuck if its longest stay is at least `STUCK_SHARE` times the number of kept steps.
+# Unless most walkers stay that long, it must also be `STUCK_RATIO` times the median longest stay.
 STUCK_SHARE, STUCK_RATIO = 0.5, 5.0
-LOW_DENSITY_QUANTILE = 0.001  # a median log_p below this quantile of the better half is low
-MIN_GROUP_DISTANCE = 1.0  # smallest distance between two groups of walkers, in sds
+LOW_DENSITY_QUANTILE = 0.001  # quantile of the better walkers' log_p; a lower median is too low
+MIN_GROUP_DISTANCE = 1.0  # smallest distance between the centres of two groups of walkers, in sds
 MAX_VALLEY_RATIO = 0.5  # limit of (density between distinct groups) / (density of the lower peak)
 GROUP_BINS = 12  # bins of the histogram between the centres of two groups
 MIN_STAY_SHARE = 0.5  # shortest mean stay of walkers in a group, as a fraction of the kept steps
@@ -48,7 +48,7 @@ class PostBurnInChain:
 def walker_troubles(chain: PostBurnInChain) -> tuple[Finding, ...]:
     """Return findings on single walkers, each with the worst walker or unknown.
 
-    Walkers that one check finds are excluded from the next, so that each is reported once.
+    Walkers that one check finds are excluded from the next check, so none is reported twice.
     """
     stay, medians = longest_stay(chain.theta), np.median(chain.log_p, axis=1)
     median_stay, limit = float(np.median(stay)), STUCK_SHARE * chain.theta.shape[1]
@@ -73,7 +73,7 @@ def longest_stay(theta: Array) -> Indices:
 
 
 def find_two_groups(x: Array) -> tuple[float, float, float, int] | None:
-    """Find two groups between which walkers hardly cross in one unknown `x (S, N)`, or None.
+    """Find two groups that walkers hardly leave, in values `x (S, N)` of one unknown, or None.
 
     Returns both centres, the fraction of steps in the upper group, and the number of crossings.
     """
@@ -105,8 +105,8 @@ def group_centres(means: Array) -> tuple[float, float]:
 def long_run_tau(theta: Array, selected: Flags, sd: Array, parts: int = 1) -> Array:
     """Estimate tau `(D,)` in steps from the scatter of the walkers' means over parts of a chain.
 
-    `sd (D,)` is the standard deviation of all steps.  Without a window of lags, motion as slow as
-    the length of a part is seen.  Means are compared within ensembles; R-hat compares ensembles.
+    `sd (D,)` is the standard deviation of all steps.  No window of lags cuts off slow motion: only
+    motion slower than a part is missed.  Means are compared within ensembles, not between them.
     """
     length = theta.shape[1] // parts
     total, freedom = np.zeros(theta.shape[-1]), 0  # sum of squares, and degrees of freedom
@@ -182,7 +182,7 @@ def _at_walker(
 ) -> Finding:
     """Return a finding on doubtful walkers, of which the k-th is the worst.
 
-    It names the unknown in which this walker is farthest, in sds, from the mean of sound walkers.
+    The finding names the unknown in which this walker is farthest, in sds, from sound walkers.
     """
     ensemble, walker = np.unravel_index(k, sound.shape)
     others = _pooled_steps(chain.theta, sound)
@@ -201,7 +201,7 @@ STEPS_MARGIN = 1.2  # factor on the estimated number of steps, since tau is unce
 MIN_CHECK_GROWTH, MAX_CHECK_GROWTH = 1.25, 1.5  # ratio of the lengths at two successive checks
 MIN_STEPS_TO_STOP = 1000  # a shorter run is never stopped as futile
 MIN_N_TAU_GROWTH = 1.3  # least growth factor of N/tau while steps double; it is 2 for a sound chain
-SOKAL_WINDOW = 5.0  # Sokal's window is the first lag above this many autocorrelation times
+SOKAL_WINDOW = 5.0  # Sokal's window ends at the first lag above this multiple of tau
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -243,7 +243,7 @@ class Convergence(ChainLength):
 
     Of the `steps` per ensemble, `burn_in` are dropped and every `thin`-th is kept.  `r_hat`,
     `ess_bulk` and `ess_tail` have the shape `(D,)`.  `reasons` say why the result must not be
-    believed.  `slowest` is the unknown with the longest `tau`.  If only length is missing,
+    believed.  `slowest` is the unknown with the longest `tau`.  If the chain is only too short,
     `enough` estimates the necessary number of steps.
     """
 
@@ -263,12 +263,12 @@ class Convergence(ChainLength):
 
 
 def burn_in_wanted(late_tau: float) -> int:
-    """Return the steps that a burn-in should have, for the longest tau of the second half."""
+    """Return the number of burn-in steps, given the longest tau of the chain's second half."""
     return math.ceil(BURN_IN_TAUS * late_tau)
 
 
 def chain_length(theta: Array) -> ChainLength:
-    """Measure the length of physical chains `(E, S, W, D)` in autocorrelation times."""
+    """Measure the length of chains `theta (E, S, W, D)` in autocorrelation times."""
     half = theta.shape[1] // 2
     late = float(autocorrelation_time(theta[:, half:]).max())
     burn_in = min(burn_in_wanted(late), half)
@@ -284,7 +284,7 @@ def assess(
     log_p: Array | None = None,
     measured: ChainLength | None = None,
 ) -> Convergence:
-    """Return the convergence of physical chains `theta (E, S, W, D)`.
+    """Return the convergence of chains `theta (E, S, W, D)`, such as unknowns in SI.
 
     Walkers at a low density are only found if `log_p (E, S, W)` is given.  `measured` is the length
     of the chains, if it is known already.
@@ -300,8 +300,8 @@ def assess(
     arviz: Any = array_stats  # it has no type annotations
     axes = {"chain_axis": 0, "draw_axis": 1}
     r_hat = arviz.rhat(draws, **axes, method="rank")
-    # ArviZ gets one series in which walkers alternate, and so misses the correlation of each walker
-    # with its own last draw.
+    # ArviZ gets one series in which walkers alternate, so it misses the correlation of a walker's
+    # draw with the same walker's previous draw.
     by_walkers = draws.shape[0] * draws.shape[1] / autocorrelation_time(post_burn_in[:, ::thin])
     ess_bulk = np.minimum(arviz.ess(draws, **axes, method="bulk"), by_walkers)
     ess_tail = np.minimum(arviz.ess(draws, **axes, method="tail", prob=0.9), by_walkers)

@@ -69,17 +69,17 @@ class MemoryBackend:
         self.saved.setdefault(ensemble, []).append(segment)
 
 
-CLIMB_STEPS = 25  # limit of steps from the MAP of the unknowns to the MAP of the coordinates
-MAX_SLOPES = 20_000  # with more slopes at a point, the check for missed mass is too slow
+CLIMB_STEPS = 25  # limit of steps from the MAP over unknowns to the MAP over their coordinates
+MAX_SLOPES = 20_000  # with more slopes (samples x unknowns), the check for missed mass is too slow
 POINTS_PER_TASK = 64  # points of a quadratic model that one process computes at a time
-START_SPREAD = 1.5  # width relative to the proposal's; so wide that R-hat shows slow ensembles
+START_SPREAD = 1.5  # width of the starts / width of the proposal; wide, so R-hat shows slow mixing
 MAX_START_TRIES = 20  # tries with each of the three distributions of `begin_walkers`
-MAX_START_DEPTH = 50.0  # in log density below the highest walker; a lower walker is placed again
+MAX_START_DEPTH = 50.0  # in log density: a walker this far below the highest is placed again
 FIRST_CHECK = 200  # steps before convergence is first assessed
 MAX_SEGMENT_STEPS = 250  # largest number of steps of a segment
 SEGMENT_SECONDS = 2.0  # approximate computing time of a segment, which Ctrl-C has to wait for
 MOST_MISSED = 0.05  # posterior mass; if the proposal misses more, the result is not believed
-MAX_STEPS_OF_A_MISFIT = 800  # a model that does not fit is not worth a longer chain
+MAX_STEPS_OF_A_MISFIT = 800  # limit of steps if the model does not fit, as a chain then says little
 
 
 class _PooledLogDensity(LogDensity):
@@ -106,7 +106,7 @@ def _quadratic_model(posterior: Posterior, u: Array, directions: Array) -> Quadr
 def prepare(
     pool: WorkerPool, maxima: Array, seed: int, report: Reporter = SILENT
 ) -> LearnedProposal:
-    """Learn the proposal from physical `maxima (M, D)`; the number of processes has no effect."""
+    """Learn the proposal from `maxima (M, D)` in SI; the number of processes has no effect."""
     posterior = pool.posterior
     report.update(0.0, "learning the proposal")
     random = np.random.RandomState(seeds.bits(seed, "learn", 0))
@@ -147,11 +147,11 @@ def slopes_are_expensive(posterior: Posterior) -> bool:
 def begin_walkers(
     posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble: int
 ) -> State:
-    """Place `n` walkers around all maxima, equally many at each, more widely than the proposal.
+    """Draw `n` walkers around all maxima, from a mixture wider than the proposal.
 
-    No walker starts where p/q (posterior divided by proposal) is so large that it would be trapped.
-    Such walkers are drawn again: from a wider proposal, then from the proposal itself, and at last
-    mirrored at the priors' ends and moved towards the first maximum.  Raises `NoSupportError`.
+    A walker is drawn again at a low density, or where p/q (posterior / proposal) would trap it.
+    After some tries, the proposal itself is used.  Then draws are mirrored at the priors' ends and
+    moved towards the first maximum, without regard to p/q.  At last, `NoSupportError` is raised.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
     mixture = proposal.mixture
@@ -198,7 +198,7 @@ class Plan:
 class SamplingResult:
     """A sampling result has the chains of a run, their convergence, and estimates from them.
 
-    `theta (E, S, W, D)` is physical, and `segments` are the saved segments of each ensemble.
+    `theta (E, S, W, D)` is in SI, and `segments` are the saved segments of each ensemble.
     `mode_shares (M,)` are the fractions of the draws at each maximum; they and the
     `proposal` are None for a chain read from files.  `with_evidence` computes `evidence`.
     `compression` compares compressed likelihoods with exact ones.  `missed` estimates the posterior
@@ -228,7 +228,7 @@ class SamplingResult:
 
     @property
     def draws(self) -> Array:
-        """Return the nearly independent draws of `theta`, `(E, N, D)`, physical."""
+        """Return the nearly independent draws of `theta` in SI, `(E, N, D)`."""
         return thinned(self.theta, self.convergence.burn_in, self.convergence.thin)
 
     @property
@@ -317,7 +317,7 @@ def sample(
 ) -> SamplingResult:
     """Continue the chains of `backend` to convergence or `max_steps` steps; save every segment.
 
-    `maxima (M, D)` are the physical maxima about which the posterior may have mass, highest first.
+    `maxima (M, D)`, in SI, are those about which the posterior may have mass, the highest first.
     """
     posterior, learnt = pool.posterior, prepare(pool, maxima, plan.seed, report)
     segments = [backend.segments(ensemble) for ensemble in range(plan.ensembles)]
@@ -358,10 +358,10 @@ def _run_until_converged(under_way: _Walk, step_limit: int, report: Reporter) ->
     last = max(step_limit, have)
     goal = min(FIRST_CHECK, last)
     trail: list[tuple[int, float]] = []
-    share = 0.01
+    done = 0.01
 
     def tell(steps: int) -> None:
-        report.update(share, f"{steps} of {goal} steps to the next check")
+        report.update(done, f"{steps} of {goal} steps to the next check")
 
     report.update(0.0, "continuing the ensembles" if have else "starting the walkers")
     while True:
@@ -372,23 +372,23 @@ def _run_until_converged(under_way: _Walk, step_limit: int, report: Reporter) ->
         hopeless = futility(trail, plan.targets.n_tau, plan.max_steps, step_limit)
         ending = hopeless is not None or goal == last
         following = min(measured.next_check(goal, plan.targets.n_tau), last)
-        # Before a run was interrupted, it already found that its shorter chains had not converged.
+        # A resumed run need not assess its shorter chains again: they had not converged.
         if goal >= have and (ending or measured.n_tau >= plan.targets.n_tau):
             sampled = _assess(posterior, plan, under_way.segments, theta, measured)
             convergence = sampled.convergence
             # The progress bar shows N/tau or ESS divided by its target, whichever ratio is smaller.
             n_tau_share = convergence.n_tau / plan.targets.n_tau
             ess_share = float(np.min(convergence.ess_bulk)) / plan.targets.ess
-            share = min(float(np.clip(min(n_tau_share, ess_share), 0.0, 0.99)), goal / following)
-            report.update(share, _state_of(convergence))
+            done = min(float(np.clip(min(n_tau_share, ess_share), 0.0, 0.99)), goal / following)
+            report.update(done, _state_of(convergence))
             if hopeless is not None and not convergence.converged:
                 reasons = (*convergence.reasons, hopeless)
                 convergence = dataclasses.replace(convergence, reasons=reasons, enough=None)
             if convergence.converged or ending:
                 return dataclasses.replace(sampled, convergence=convergence)
         else:
-            share = min(measured.n_tau / plan.targets.n_tau, 0.99)
-            report.update(share, f"{goal} steps: {measured.n_tau:.0f} autocorrelation times")
+            done = min(measured.n_tau / plan.targets.n_tau, 0.99)
+            report.update(done, f"{goal} steps: {measured.n_tau:.0f} autocorrelation times")
         goal = following
 
 
@@ -399,7 +399,7 @@ def _assess(
     theta: Array,
     measured: ChainLength | None = None,
 ) -> SamplingResult:
-    """Return the result of `segments`, which have physical `theta (E, S, W, D)`."""
+    """Return the result of `segments`, whose steps are `theta (E, S, W, D)` in SI."""
     log_p = _stack(segments, "log_p")
     convergence = assess(theta, posterior.space.free, plan.targets, log_p, measured)
     return SamplingResult(segments=segments, theta=theta, convergence=convergence)

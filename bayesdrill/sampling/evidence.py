@@ -84,9 +84,9 @@ def _draw(posterior: Posterior, mixture: Mixture, n: int, random: Random) -> Arr
 def bridge(on_chain: Array, drawn: Array, n_tries: int) -> Evidence | None:
     """Solve the bridge equation for the evidence (Meng and Wong 1996).
 
-    `on_chain (E, S, W)` and `drawn (n,)` are log (p/q) at the walkers' steps and at n of
-    `n_tries` draws of q; p = 0 at the rest.  With N steps, let s = N / (N + tried) and t = 1 - s.
-    For w = p/q, `Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]`.  Terms of the means are bounded.
+    `on_chain (E, S, W)` and `drawn (n,)` are log (p/q) at N steps of walkers and at n of `n_tries`
+    draws of q; p = 0 at the other draws.  Let w = p/q, s = N / (N + n_tries) and t = 1 - s.  Then
+    `Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]`.  The terms of both means are bounded.
     """
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) == 0:
@@ -105,7 +105,7 @@ def bridge(on_chain: Array, drawn: Array, n_tries: int) -> Evidence | None:
     walkers = of_p.mean(axis=1).ravel()
     mean_q = float(of_q.sum() / n_tries)
     spread_q = float((of_q**2).sum() / n_tries) / mean_q**2 - 1.0
-    spread_p = float((walkers / walkers.mean()).var(ddof=1))  # scaled, to square no tiny numbers
+    spread_p = float((walkers / walkers.mean()).var(ddof=1))  # squares of tiny numbers underflow
     chance = math.sqrt(spread_q / n_tries + spread_p / len(walkers))
     error = math.hypot(chance, _disagreement(q, n_tries, z))
     return Evidence(log_z=median + math.log(z), error=error, overlap=min(mean_q, 1.0))

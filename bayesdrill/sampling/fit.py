@@ -35,7 +35,7 @@ from bayesdrill.sampling.workers import WorkerPool
 
 SEARCHING = "searching the MAP"
 CHECKED_DRAWS = 500  # draws at which a compressed likelihood is compared with the exact one
-TASKS_PER_SEARCH = 2  # number of tasks that share the starts, as a batch costs hardly more than one
+TASKS_PER_SEARCH = 2  # number of tasks that divide the starts; few, as each evaluates batches
 BATCHES_PER_START = 2000  # number of batches of random points that take as long as one search
 WORKERS_START = 1.5  # seconds until workers begin to compute
 
@@ -45,8 +45,8 @@ class FitPlan:
     """A plan says how a posterior is fitted.
 
     The `optimiser` searches for the MAP from `starts`, with at most `evaluations` each.  `chains` are
-    the settings of the ensembles.  Records with more than `max_exact` samples are compressed, or
-    none if `max_exact` is None.  A `brief` fit stops after one converged search, without evidence.
+    the settings of the ensembles.  Records with more than `max_exact` samples are compressed; if it
+    is None, no record is.  A `brief` fit stops after one converged search, without evidence.
     """
 
     optimiser: Optimiser
@@ -81,7 +81,7 @@ def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult]:
 def searching_processes(posterior: Posterior, plan: FitPlan, processes: int) -> int:
     """Return 1 if searches end before workers could help, otherwise `processes`.
 
-    The duration of the searches is estimated from the density's time for a batch of points.
+    The duration of the searches is estimated from the time that a batch of densities takes.
     """
     if processes == 1:
         return 1
@@ -146,7 +146,7 @@ def end_searches(pool: WorkerPool, under_way: PendingSearches, report: Reporter)
 def _searched_on(
     pool: WorkerPool, excerpt: Posterior, searches: list[Search], scouted: list[tuple[Array, Array]]
 ) -> Mode:
-    """Continue from the maxima of an `excerpt` with whole records, without search for others.
+    """Climb from the maxima of an `excerpt` to those of whole records; search for no others.
 
     A longer excerpt is searched first if a record cannot be compressed about these maxima.
     """
@@ -211,7 +211,7 @@ def weigh(
 def _first_converged(posterior: Posterior, plan: FitPlan) -> list[Search]:
     """Search from the most promising starts, until one search has converged.
 
-    It has converged if another search reaches its height, or if known noise explains the residuals.
+    It has converged if a second search is as high, or if known noise explains the residuals.
     """
     points = mode_search.starts(posterior, plan.starts, seeds.stream(plan.chains.seed, "map"))
     points = points[np.argsort(-posterior.density(points), kind="stable")]

@@ -13,13 +13,13 @@ from bayesdrill.inference.laplace import LogDensity, QuadraticModel
 MAX_STEP = 3.0  # longest step, in priors' spreads, since the quadratic model only holds nearby
 INITIAL_DAMPING = 0.1  # relative to the priors' precision; it hardly damps tight directions
 DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # multiples of the damping that each step tries
-CORRECTED_TRIALS = 2  # number of the least damped trials that are moved back to a curved ridge
-TIGHT_DAMPING = 100.0  # damping of this move, relative to priors' precision; fixes loose directions
-MAX_CORRECTIONS = 3  # largest number of steps back to a curved ridge, after a step along it
+CORRECTED_TRIALS = 2  # this many trials, the least damped, are moved back to a curved ridge
+TIGHT_DAMPING = 100.0  # damping of that move / priors' precision; it holds loose directions fixed
+MAX_CORRECTIONS = 3  # largest number of steps back to a curved ridge, after a step along the ridge
 SETTLED_GAIN = 1e-3  # in log density: a climb to a lower maximum stops if the next step gains less
-MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a climb that needs more than the upper limit ends
+MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # limits of the damping; a climb that needs more ends
 DAMPING_DECREASE = 0.3  # damping of the next step, divided by the damping of the best trial
-PACE_STEPS = 3  # number of last steps whose largest gain counts: short steps follow a failed one
+PACE_STEPS = 3  # number of last steps whose largest gain limits the pace; one step may be short
 RELEASE_SLOPE = 1e-9  # an unknown at a bound is released if its scaled slope inwards exceeds this
 DIAGONAL_ROUNDING = 1e-12  # added to the scaled diagonal, as flat directions make it singular
 DIFFERENCE_STEP = 1e-4  # in priors' spreads: step of the finite differences of slopes
@@ -64,14 +64,14 @@ def gauss_newton(
     gain = np.full(len(u), np.inf)
     under_way, gained = np.isfinite(value), np.full((PACE_STEPS, len(u)), np.inf)
     model = _second_order_model if exact else _gauss_newton_model
-    for left in range(steps, 0, -1):
+    for remaining in range(steps, 0, -1):
         now = np.flatnonzero(under_way)
         if len(now) == 0:
             break
         here = model(surface, u[now])
         gain[now] = newton_gain(surface, u[now], here)
         pace = np.minimum(gain[now], gained[:, now].max(axis=0))
-        reach = value[now] + left * pace
+        reach = value[now] + remaining * pace
         hopeful = reach >= max(value.max() - depth, threshold)
         if math.isfinite(depth):
             hopeful &= (reach >= value.max()) | (gain[now] > SETTLED_GAIN)
@@ -84,8 +84,8 @@ def gauss_newton(
         u[now], value[now], damping[now], advanced = moved
         under_way[now] = (gain[now] > MIN_GAIN) & (advanced | (damping[now] < MAX_DAMPING))
         if merged:
-            beside = (np.abs(u[:, None] - u) <= merged * surface.spread).all(axis=2)
-            value[(beside & (value > value[:, None])).any(axis=1)] = -np.inf
+            close = (np.abs(u[:, None] - u) <= merged * surface.spread).all(axis=2)
+            value[(close & (value > value[:, None])).any(axis=1)] = -np.inf
             under_way &= np.isfinite(value)
     return GaussNewtonResult(u, value, np.where(np.isfinite(value), gain, np.inf))
 
@@ -95,7 +95,7 @@ def _gauss_newton_model(surface: LogDensity, u: Array) -> QuadraticModel:
 
 
 def _second_order_model(surface: LogDensity, u: Array) -> QuadraticModel:
-    """Return a model with second derivatives by finite differences, and absolute curvatures."""
+    """Return a model with second derivatives by finite differences, of positive eigenvalues."""
     n, d = u.shape
     here = _gauss_newton_model(surface, u)
     steps = DIFFERENCE_STEP * np.diag(surface.spread)
@@ -162,7 +162,7 @@ def bounded_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: A
     """
     d = u.shape[1]
     matrix = here.curvature + (damping[:, None] / surface.spread**2)[:, :, None] * np.eye(d)
-    # Scaling the diagonal to one improves its condition number if stiffnesses are very different.
+    # With a diagonal of ones, the matrix is better conditioned if scales are very different.
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("wdd->wd", matrix), 1e-300))
     matrix = matrix * scale[:, :, None] * scale[:, None, :] + DIAGONAL_ROUNDING * np.eye(d)
     slope = here.slope * scale

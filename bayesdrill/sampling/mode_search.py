@@ -22,7 +22,7 @@ from bayesdrill.sampling import multiple_modes
 from bayesdrill.sampling.gauss_newton import GaussNewtonResult, gauss_newton, newton_gain
 from bayesdrill.sampling.optimisers.contract import Optimiser, Optimum, Task
 
-SAME_LOG_DENSITY = 1e-2  # two searches have the same height if they differ by less than this
+SAME_LOG_DENSITY = 1e-2  # two searches have the same height if log densities differ by less
 SAME_POINT = 0.01  # two searches have the same end if no unknown's relative difference is larger
 RELATIVE_ROUNDING = 1e-12  # relative rounding error of a log posterior
 CANDIDATES_PER_START = 4096  # number of prior draws; a search starts at the draw of highest density
@@ -30,15 +30,15 @@ LOWEST_LOG_DENSITY = -1e300  # log density of a search that ended outside the su
 MAX_MAXIMA = 64  # largest number of kept maxima, those with the most posterior mass
 NEGLIGIBLE_MASS = 1e-5  # total posterior mass of the maxima that are dropped
 MAX_MISSED_MASS = 0.02  # more posterior mass in maxima that were not followed raises a doubt
-MAX_STEPPED_STARTS = 32  # largest number of starts for a stepped rig, as a climb takes seconds
+MAX_STEPPED_STARTS = 32  # largest number of starts for a rig integrated in steps, which is slow
 MULTI_STARTS = 24  # prior draws from which Gauss-Newton climbs without a simplex
-SEARCH_ROUNDS, MAX_CENTRES = 2, 8  # searches around maxima: rounds, and maxima per round
+SEARCH_ROUNDS, MAX_CENTRES = 2, 8  # searches around maxima: number of rounds, of maxima per round
 POLISH_STEPS, NEWTON_STEPS = 40, 8  # steps of Gauss-Newton, then of Newton, that end a search
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """A search for the maximum has a physical start and end; `settled` means that it converged."""
+    """A search for the maximum has a start and an end in SI; `settled` means that it converged."""
 
     start: Mapping[str, float]
     end: Mapping[str, float]
@@ -49,7 +49,7 @@ class Search:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalMaximum:
-    """A local maximum has physical values, and no ridge joins it to another maximum."""
+    """A local maximum has values in SI, and no ridge joins it to another maximum."""
 
     values: Mapping[str, float]
     log_posterior: float
@@ -60,10 +60,10 @@ class Mode:
     """A mode is the highest maximum of the posterior; `others` are lower maxima with some mass.
 
     `slope` is the change of the log posterior per conditional standard deviation of each unknown,
-    which is well below 1 at a maximum inside the prior.  `gain` is that of one more Newton step.
+    which is well below 1 at a maximum inside the prior.  One more Newton step would gain `gain`.
     `at_bound` names unknowns within 0.1 % of an end of their prior, or with less than 0.1 % of the
     prior's mass between them and zero.  `steps` are scales of unknowns that may be negative, and
-    `pieces` the step sizes of stepped rigs.  `left_out` estimates the mass of other maxima.
+    `pieces` the step sizes of integrated rigs.  `left_out` estimates the mass of all other maxima.
     """
 
     values: Mapping[str, float]
@@ -116,9 +116,9 @@ class Mode:
 
 
 def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
-    """Return physical starts of searches, `(n, D)`.
+    """Return starts of searches in SI, `(n, D)`.
 
-    The first is the start of inverse dynamics if there is one, else the configured start.  Each
+    The first start is that of inverse dynamics if there is one, else the configured start.  Each
     further start is the best of `CANDIDATES_PER_START` prior draws.
     """
     first = inverse_dynamics.regression_start(posterior)
@@ -144,7 +144,7 @@ def task(posterior: Posterior) -> Task:
 def searches(
     posterior: Posterior, optimiser: Optimiser, evaluations: int, starts: Array
 ) -> list[Search]:
-    """Search from each of the physical `starts (S, D)` by the optimiser, then by Gauss-Newton."""
+    """Search from each of `starts (S, D)` in SI by the optimiser, then by Gauss-Newton."""
     pairs = zip(starts, optimiser(task(posterior), starts, evaluations), strict=True)
     return [_finished_search(posterior, *pair) for pair in pairs]
 
@@ -168,7 +168,7 @@ def _finished_search(posterior: Posterior, start: Array, optimum: Optimum) -> Se
 
 
 def multi_start(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
-    """Climb from physical `starts (n, D)`; return ends `(m, D)` and their log densities `(m,)`."""
+    """Climb from `starts (n, D)` in SI; return ends `(m, D)` and their log densities `(m,)`."""
     surface = LogDensity(posterior, physical=True)
     u, value = multiple_modes.best_ends(surface, posterior.coordinates.from_physical(starts))
     return posterior.coordinates.to_physical(u), value
@@ -183,7 +183,7 @@ def summarise(
 ) -> Mode:
     """Return the highest maximum of all searches, and the others.
 
-    `climbs` has further ends of climbs, physical `(n, D)`, with their log densities `(n,)`.  With
+    `climbs` has further ends of climbs, `(n, D)` in SI, with their log densities `(n,)`.  With
     `around`, the neighbourhood of these maxima is searched for further maxima.
     """
     climbs = [ends for ends in climbs if len(ends[0])]
@@ -229,9 +229,9 @@ def summarise(
 def _distinct_maxima(
     surface: LogDensity, points: Array, values: Array, n_known: int = 0
 ) -> tuple[Array, Array]:
-    """Climb from `points (n, D)` to distinct maxima `(M, D)`; return them and their heights `(M,)`.
+    """Climb from `points (n, D)`, and return distinct maxima `(M, D)` and their heights `(M,)`.
 
-    The highest comes first.  The first `n_known` points are maxima already.
+    The highest maximum comes first.  The first `n_known` points are maxima already.
     """
     distinct = multiple_modes.distinct_modes(surface, points, values, n_known)
     fresh = [k for k in distinct if k >= n_known]
@@ -296,7 +296,7 @@ def polished_again(posterior: Posterior, searches: Sequence[Search]) -> list[Sea
 
 
 def modes(posterior: Posterior, mode: Mode) -> Array:
-    """Return all maxima, `(M, D)` physical, the highest first."""
+    """Return all maxima in SI, `(M, D)`, the highest first."""
     return np.array([posterior.space.vector(maximum.values) for maximum in mode.maxima])
 
 

@@ -1,8 +1,8 @@
 """Find other maxima of a density (aliases, lags), and decide which are distinct.
 
 Two points on one ridge are the same maximum, however far apart they are.  To test this, a path is
-followed from the first point in its loose (hardly determined) directions.  After each step, it
-returns to the ridge along the tight directions.  It ends at the second point if a ridge joins both.
+followed from the first point in its loose (badly determined) directions.  After each step, the
+path returns to the ridge in tight directions.  It ends at the second point if a ridge joins both.
 
 Sampled at times t, oscillations at omega and |omega +- delta| look alike if delta is a peak of the
 spectral window |sum exp(i delta t)|.  For even samples delta is 2 pi / step, and for two bursts
@@ -28,17 +28,17 @@ from bayesdrill.sampling.gauss_newton import gauss_newton
 from bayesdrill.sampling.proposal import ridge_tracing
 
 FIRST_STEPS, LAST_STEPS = 8, 25  # steps of every climb, and further steps of the best climbs
-MAX_STARTS = 10  # largest number of climbs that go on after `FIRST_STEPS`, from all over the prior
-MAX_NEARBY_STARTS = 128  # largest number of climbs that go on, from near other maxima
+MAX_STARTS = 10  # largest number of climbs after `FIRST_STEPS`, if they start all over the prior
+MAX_NEARBY_STARTS = 128  # largest number of climbs after `FIRST_STEPS`, if they start near maxima
 NEGLIGIBLE_DEPTH = 25.0  # in log density: a maximum this far below the highest has no mass
-PATH_STEPS = 10  # steps of the path along a ridge from one point to another
+PATH_STEPS = 10  # number of steps of the path along a ridge from one point to another
 SAME_MODE = 1e-3  # in priors' spreads: two points closer than this are the same maximum
 CELL_SIZE = 1e-4  # in priors' spreads: only the highest point in a cell of this size climbs on
 SAME_RIDGE_SDS = 3.0  # in standard deviations: a point this near to a ridge is on the ridge
 VALLEY_BETWEEN_MODES = 0.5  # in log density: shallower valleys are ripples of one maximum
 VALLEY_PROBES = 24  # points between two maxima at which the density is compared
 GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # for uneven spacing of the probes
-KNOWN_BONUS = 1e-6  # in log density: a new point must be higher by this to replace a known maximum
+KNOWN_BONUS = 1e-6  # in log density: a new point on a known ridge is dropped unless higher by this
 
 
 def best_ends(
@@ -59,7 +59,7 @@ def distinct_modes(
 ) -> list[int]:
     """Return the indices of `points (n, D)` that are distinct maxima, the highest first.
 
-    The first `n_known` points are distinct maxima, and replace other points on their ridges.
+    The first `n_known` points are known to be distinct, so they are not compared with each other.
     """
     rank = values + np.where(np.arange(len(values)) < n_known, KNOWN_BONUS, 0.0)
     order = [int(k) for k in np.argsort(-rank, kind="stable")]
@@ -136,15 +136,15 @@ SAME_HEIGHT = 1e-6  # largest relative difference of equal log densities, by rou
 POLE_PAIRS = 2  # pairs of poles whose aliases are tried, the fastest first
 MIN_IMAGINARY = 1e-6  # imaginary part / largest |pole|; a smaller ratio is a rounding error
 SLOPE_STEP = 1e-5  # in priors' spreads: step of the finite differences of frequencies
-MAX_ALIASES_TRIED = 384  # largest number of tried aliases of a pole pair, the most similar first
+MAX_ALIASES_TRIED = 384  # largest number of aliases of a pole pair, those with most similar samples
 ALIAS_STEPS = 8  # Gauss-Newton steps of aliases before their posterior mass is compared
 MAX_ALIASES = 96  # largest number of aliases used as starts, those with the largest mass
 MAX_ITERATIONS = 12  # Newton iterations towards the frequency of an alias
-SAME_ALIAS = 0.3  # phase error over the record, in radians, that a climb can correct
-MIN_ALIAS_HEIGHT = 0.3  # relative height of an alias in the spectral window
+SAME_ALIAS = 0.3  # phase error at the end of the record, in radians, that a climb can correct
+MIN_ALIAS_HEIGHT = 0.3  # smallest height of a peak of the spectral window / height at zero
 WINDOW_OVERSAMPLING = 4  # points of the spectral window per width of a peak
-CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # time cells per radian, and the largest number of cells
-SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along an unknown; largest number along a lag
+CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # time bins per radian of the highest frequency; their limit
+SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # number of points along an unknown; at most along a lag
 SCAN_POINTS_PER_SAMPLE = 2  # points along a lag per sample, as maxima may be one sample apart
 MAX_STARTS_PER_UNKNOWN = 96  # largest number of starts from maxima along an unknown
 VALLEY_ALONG_LINE = 1.0  # in log density: shallower valleys along a line separate no maxima
@@ -189,31 +189,31 @@ def twin_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
 
 
 def alias_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
-    """Yield points where a pair of poles oscillates at an alias of its frequency at `u (D,)`."""
+    """Yield points where a pole pair has an alias of the frequency that it has at `u (D,)`."""
     posterior = surface.posterior
     here = frequencies(posterior, u[None])[0]
     slowest, fastest = _frequency_range(surface, u)
-    most = MAX_ALIASES_TRIED
+    limit = MAX_ALIASES_TRIED
     for pair in np.flatnonzero(here > 0):
         wanted = _aliases(posterior, here[pair], slowest[pair], fastest[pair])
-        points = _at_frequencies(surface, u, int(pair), np.unique(wanted[:most]))
-        heaviest, share = _heaviest(surface, points)
-        yield NearbyStarts(heaviest, 1.0 - share * most / max(len(wanted), most))
+        points = _at_frequencies(surface, u, int(pair), np.unique(wanted[:limit]))
+        heaviest, mass = _heaviest(surface, points)
+        yield NearbyStarts(heaviest, 1.0 - mass * limit / max(len(wanted), limit))
 
 
 def _heaviest(surface: LogDensity, points: Array) -> tuple[Array, float]:
-    """Return the `MAX_ALIASES` of `points (n, D)` with the most mass, and their fraction of it."""
+    """Return the `MAX_ALIASES` heaviest of `points (n, D)`, and the fraction of mass near them."""
     if len(points) <= MAX_ALIASES:
         return points, 1.0
     u = gauss_newton(surface, points, ALIAS_STEPS).u
     shares = shares_held(surface.posterior, u)
-    most = np.argsort(-shares, kind="stable")[:MAX_ALIASES]
-    return u[most], float(shares[most].sum())
+    heaviest = np.argsort(-shares, kind="stable")[:MAX_ALIASES]
+    return u[heaviest], float(shares[heaviest].sum())
 
 
 def scan_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
     """Yield maxima along each unknown through `u (D,)`, except the maximum at `u` itself."""
-    posterior, most = surface.posterior, MAX_STARTS_PER_UNKNOWN
+    posterior, limit = surface.posterior, MAX_STARTS_PER_UNKNOWN
     step = min(
         float(np.diff(observation.experiment.t).min(initial=np.inf))
         for observation in posterior.likelihood.observations
@@ -236,7 +236,7 @@ def scan_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
                 modes.append(k)
         modes.sort(key=lambda k: -value[k])
         high = sum(value[k] > value.max() - NEGLIGIBLE_DEPTH for k in modes)
-        yield NearbyStarts(line[modes[:most]], 1.0 - most / max(high, most))
+        yield NearbyStarts(line[modes[:limit]], 1.0 - limit / max(high, limit))
 
 
 def peaks(value: Array, valley: float) -> list[int]:
@@ -257,7 +257,7 @@ def peaks(value: Array, valley: float) -> list[int]:
 
 
 def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Array:
-    """Return aliases of `omega` from `low` to `high` in rad/s, the most similar samples first."""
+    """Return aliases of `omega` from `low` to `high` [rad/s], in order of decreasing similarity."""
     patterns: dict[bytes, Array] = {}
     for observation in posterior.likelihood.observations:
         for sampled in observation.experiment.is_measured.T:
@@ -293,7 +293,7 @@ def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
 
 
 def frequencies(posterior: Posterior, u: Array) -> Array:
-    """Return the highest pole frequencies, `(W, POLE_PAIRS)` in rad/s, or 0 for missing pairs."""
+    """Return the highest frequencies of poles, `(W, POLE_PAIRS)` in rad/s; 0 for missing pairs."""
     model = posterior.likelihood.observations[0].response.model
     theta = posterior.coordinates.to_physical(u)
     rig = posterior.likelihood.rig_parameters(theta)
@@ -332,7 +332,7 @@ def _frequency_range(surface: LogDensity, u: Array) -> tuple[Array, Array]:
 def _at_frequencies(surface: LogDensity, u: Array, pair: int, frequencies: Array) -> Array:
     """Return points `(m, D)` at which a pole pair has `frequencies (n,)` in rad/s.
 
-    Points are near `u (D,)` in priors' spreads; a frequency that priors exclude gets no point.
+    Each point is near `u (D,)`, in priors' spreads.  A frequency that priors exclude has no point.
     """
     observations = surface.posterior.likelihood.observations
     span = max(float(np.ptp(observation.experiment.t)) for observation in observations)
@@ -342,7 +342,7 @@ def _at_frequencies(surface: LogDensity, u: Array, pair: int, frequencies: Array
         logs, slope = _slopes(surface, points, pair)
         change = np.log(frequencies) - logs
         done = np.abs(change) < tolerance
-        # Unknowns at bounds do not move outwards.  Points whose pair does not oscillate stop.
+        # Unknowns at bounds do not move outwards.  A point stops if its pair no longer oscillates.
         towards = slope * np.where(np.isfinite(change), change, 0.0)[:, None]
         stuck = (points <= surface.low) & (towards < 0) | (points >= surface.high) & (towards > 0)
         slope[stuck] = 0.0

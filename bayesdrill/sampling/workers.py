@@ -34,7 +34,7 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import StepSizes
 
 TASK_SECONDS = 10.0  # seconds for a worker to finish its task when the work is stopped
-PIPE = 1 << 15  # bytes that a pipe takes at once; larger arrays go into a file
+PIPE = 1 << 15  # number of bytes that a pipe takes at once; larger arrays go into a file
 ALIGNED = 64  # alignment of arrays in that file, in bytes
 SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 
@@ -211,8 +211,8 @@ def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
     """Shut down a pool, whose workers have `patience` seconds to finish their tasks.
 
     `pool.shutdown` alone would wait for ever for a suspended worker, or for the rest of a killed
-    worker's result.  This function waits for the pool's thread, because the thread holds a lock,
-    which forks would inherit, while it removes semaphores.
+    worker's result.  The pool's thread holds a lock while it removes semaphores.  A process that
+    is forked at this time would inherit the lock, so this function waits for the thread.
     """
     workers = list((pool._processes or {}).values())  # no other child processes
     thread: Any = pool._executor_manager_thread
@@ -254,7 +254,7 @@ def _set_copied(copied: _Copy) -> None:
 
 
 def _exit_soon(_number: int, _frame: object) -> None:
-    """Exit `SIGTERM_SECONDS` after SIGTERM, if the parent does not stop this process before."""
+    """Exit `SIGTERM_SECONDS` after SIGTERM, unless the parent stops this process earlier."""
     timer = threading.Timer(SIGTERM_SECONDS, os._exit, (1,))
     timer.daemon = True
     timer.start()

@@ -82,14 +82,14 @@ class CalibrationOutcome:
 
 
 def prepare(path: Path) -> Job:
-    """Prepare a job like `job.prepare`; with times in `simulation:`, the config needs no record."""
+    """Prepare a job like `job.prepare`; no record is needed if `simulation:` has the times."""
     case = loading.load(path)
     paths = [path for experiment in case.experiments for path in sources.paths(experiment)]
     measured = all(path.exists() for path in paths)
     read: Callable[..., Experiment] = reading.read if measured else simulation.simulation_grid
     problem = build_problem(case, [read(experiment) for experiment in case.experiments])
-    # Of the posterior, only priors of free states depend on the record's samples.  All samples are
-    # set to zero, so that a calibration can be resumed with another record.
+    # In the posterior, only the priors of free states depend on the record's samples.  All samples
+    # are set to zero, so that a calibration can be resumed with another record.
     blank = [np.where(o.experiment.is_measured, 0.0, np.nan) for o in problem.observations]
     posterior = problem.posterior.edit(records=blank)
     return Job(case=case, problem=dataclasses.replace(problem, posterior=posterior))
@@ -138,9 +138,9 @@ def calibrate(
 def run_refits(
     study: CalibrationStudy, n: int, folder: Path, crew: RefitExecutor, report: Reporter
 ) -> list[Refit]:
-    """Return the refits 0 to n - 1; refits that `folder` lacks are computed and saved.
+    """Return the refits 0 to n - 1; refits that are not in `folder` are computed and saved.
 
-    A refit is identified by its index, so a refit that two workers compute counts once.
+    A refit is identified by its index, so it counts once even if two workers compute it.
     """
     done = {refit.index: refit for refit in saved(folder, study) if refit.index < n}
     folder.mkdir(exist_ok=True)
@@ -160,7 +160,7 @@ def run_refits(
 
 
 def saved(folder: Path, study: CalibrationStudy) -> list[Refit]:
-    """Read all refits of a folder; raises `InputError` for damaged or other studies' files."""
+    """Read all refits of a folder; raises `InputError` if one is damaged or from another study."""
     is_output = output_files.CALIBRATE.is_output
     paths = sorted(path for path in folder.glob("*.json") if is_output(f"{REFITS}/{path.name}"))
     return [_read(path, study) for path in paths]
@@ -173,7 +173,7 @@ def _read(path: Path, study: CalibrationStudy) -> Refit:
     right &= 0 <= stored.steps <= study.plan.chains.max_steps
     right &= all(0 <= rank <= study.draws for rank in stored.ranks)
     if not right or stored.index != int(path.stem) or not np.isfinite(stored.truth).all():
-        raise InputError.at(str(path), COMPUTED_AGAIN)  # from another study
+        raise InputError.at(str(path), COMPUTED_AGAIN)  # the file is from another study
     return stored
 
 

@@ -29,7 +29,7 @@ from bayesdrill.tasks import conclusions
 from bayesdrill.tasks.conclusions import SampledRun
 
 FEWEST = 2  # smallest number of runs in a comparison
-LONGEST = 100  # upper limit of the letters in the name of a folder
+LONGEST = 100  # largest number of letters in the name of a folder
 OF_NOISE = ("the noise of", "the kind of noise")  # prefixes of the settings that describe noise
 WITHOUT = (
     "has no log evidence: an older version made the run, or its proposal failed. "
@@ -84,7 +84,7 @@ def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
 
 
 def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
-    """Return each unknown's unit in the first job with a unit; SI if jobs differ in its SI unit."""
+    """Return each unknown's unit from the first job that gives one; SI if their SI units differ."""
     units, kinds = dict[str, Unit](), dict[str, set[str]]()
     for job in jobs:
         units = {**job.problem.units.units, **units}
@@ -97,7 +97,7 @@ def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
 def overlay_layer(
     name: str, run: SampledRun, units: DisplayUnits, fit: tuple[ResidualSummary, ...] | None = None
 ) -> PosteriorSummary:
-    """Return the summary of a run, with settings in `units`, and residuals `fit` if given."""
+    """Return the summary of a run, with settings in `units`; `fit` has its residuals, if known."""
     job, sampled, fit = run.job, run.sampled, residuals(run) if fit is None else fit
     return PosteriorSummary(
         name=name,
@@ -157,7 +157,7 @@ def publish(
 
 def write(report: ComparisonReport, folder: Folder) -> None:
     """Write table, page and figures into an open folder."""
-    from bayesdrill.report import style  # late: matplotlib takes a second to load
+    from bayesdrill.report import style  # imported late, as matplotlib takes a second to load
 
     for name, text in report.texts.items():
         folder.write_text(name, text)
@@ -165,7 +165,7 @@ def write(report: ComparisonReport, folder: Folder) -> None:
     figures.mkdir(exist_ok=True)
     note = {"Creator": software.creator(), provenance.RUN_MARK: report.mark}
     for name, drawing in report.figures.items():
-        # The title omits the heading, as formats of figures may encode names of runs differently.
+        # The title omits the heading, as figure formats may encode the names of runs differently.
         style.save(drawing.drawn(), figures, name, {**note, "Title": f"{report.form.name}: {name}"})
     folder.write_text("report.html", report.page(figures))
 
@@ -183,8 +183,7 @@ class ComparedRun:
 class ComparisonRecord:
     """The `run.json` of a finished comparison, an overlay or a ladder has these fields.
 
-    `reasons` say why the result must not be believed. The last four fields are empty for
-    overlays.
+    `reasons` say why the result must not be believed.  Overlays leave the last four fields empty.
     """
 
     form: int = 1
@@ -233,7 +232,7 @@ def read_record(run: Mapping[str, Any], folder: Path) -> ComparisonRecord:
 
 
 def check_same_record(runs: Sequence[NamedRun]) -> None:
-    """Raise `InputError` if runs have different records, as odds then mean nothing."""
+    """Raise `InputError` if runs have different records, as odds would mean nothing."""
     first = _record(runs[0].run.job.problem)
     for run in runs[1:]:
         record = _record(run.run.job.problem)
@@ -286,7 +285,7 @@ def contender(named: NamedRun, units: DisplayUnits) -> RunSummary:
 
 
 def _rig(job: Job) -> dict[str, str]:
-    """Describe rig, sensors, inputs and start state, and list their unknown numbers."""
+    """Describe rig, sensors, inputs and start state, and list their unknowns."""
     space = job.problem.posterior.space
     unknown = {space.free[k]: "unknown" for k in space.columns(*SIMULATOR_ROLES)}
     said = provenance.settings(job.config, job.problem, job.problem.units)

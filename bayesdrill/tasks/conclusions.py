@@ -59,8 +59,8 @@ def concluded(
     """Return the context of a run's report, which analyses the chain at first use.
 
     `scenery` is the sensitivity study of the job's likelihood, if one exists.  If the run
-    `is_single` (not one of several candidates), changes of the rig are tried before a nominal table is
-    judged wrong.  `explain` replaces the search of `causes`, if it is already done.
+    `is_single` (not one of several candidates), other rig models are tried before nominal values
+    are judged wrong.  If causes are known already, `explain` returns them in place of `causes`.
     """
     job = run.job
     chain = RunDraws(job.problem, run.mode, run.sampled, job.config.seed)
@@ -96,8 +96,8 @@ def causes(
     """Return causes that would explain the `residuals` of `mode`, or None.
 
     If the residuals are noise, only a value or unit that is off by a factor is sought, and only if
-    unknowns are at ends of their priors.  The job must have the integration steps of `mode`.
-    `submit` runs tasks in this process or in others.
+    unknowns are at ends of their priors.  The job must have the step sizes chosen at `mode`
+    (`Job.with_steps_at`).  `submit` runs tasks in this process or in others.
     """
     ranked = None
     fits = residual_checks.like_noise(residuals)
@@ -118,8 +118,8 @@ def residuals(job: Job, mode: Mode) -> tuple[ResidualSummary, ...]:
 
 def doubts(job: Job, mode: Mode, study: IdentifiabilityStudy) -> tuple[str, ...]:
     """Return reasons why a bad fit invalidates the conclusions of a `study` at the maximum."""
-    posterior, left = job.problem.posterior, residuals(job, mode)
-    if residual_checks.like_noise(left):
+    posterior, summaries = job.problem.posterior, residuals(job, mode)
+    if residual_checks.like_noise(summaries):
         return ()
     known = [x for x in (*study.parameters, *study.products) if x.word == "determined"]
     best, limit = posterior.space.vector(mode.values), job.config.identify.determined
@@ -129,7 +129,7 @@ def doubts(job: Job, mode: Mode, study: IdentifiabilityStudy) -> tuple[str, ...]
         name, powers = product_name(study.names, x.exponents), np.array(x.exponents, dtype=float)
         sd = sds[name] / float(np.prod(best[: len(powers)] ** powers))
         times |= {name: sd / x.sd} if sd >= limit * x.prior_sd else {}
-    return (*residual_reasons(left), *sandwich_reasons(times))
+    return (*residual_reasons(summaries), *sandwich_reasons(times))
 
 
 def settings(case: ResolvedCase) -> dict[str, Any]:

@@ -132,7 +132,7 @@ def design(
     report: Reporter,
     rival: Job | None = None,
 ) -> Designed:
-    """Design an experiment for a job, given posterior draws `chain (N, D)`; None: given its prior.
+    """Design an experiment for a job from posterior draws `chain (N, D)`, or else from its prior.
 
     `options` has the fields of `SourceLimits`, a `family` and a number of `experiments`; options
     that are not given are None.  If there is a `rival`, the experiment is to distinguish its model
@@ -162,7 +162,7 @@ def design(
         known = prior_knowledge(problem, draws, CHECKED_DRAWS, seed)
     else:
         known = posterior_knowledge(problem, chain, draws, CHECKED_DRAWS)
-    with ONE_THREAD:  # more threads would be slower for such small matrices
+    with ONE_THREAD:  # the matrices are so small that several threads would be slower
         if rival is None:
             made = design_experiment(problem, request, known, job.config.identify, report)
         else:

@@ -61,7 +61,7 @@ class SimulatorModel:
 
 
 def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> SimulatorModel:
-    """Return the rig of a run, with at most `draws` draws; raises `InputError` without roles."""
+    """Return a run's rig with at most `draws` draws; raises `InputError` if it has no roles."""
     problem = run.job.problem
     model, posterior = problem.model, problem.posterior
     chain = run.sampled.draws.reshape(-1, len(problem.names))
@@ -104,7 +104,7 @@ def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> Si
 def _quantities(
     model: Model, p: Mapping[str, Array], joints: Iterable[list[InertiaRoles]]
 ) -> Iterator[ExportedNumber]:
-    """Yield the quantities of joints, as sums over their inertias, and of shafts and motors."""
+    """Yield the quantities of joints (sums over the inertias of a joint), shafts and motors."""
     terms = [
         (inertias[-1].name, name, symbol, abs(inertia.reduction) ** power)
         for inertias in joints
@@ -139,8 +139,8 @@ def _quantities(
             "goal_speed": motor.goal_speed,
         }
         terms += [(f"motor_{motor.inertia}", name, symbol, 1.0) for name, symbol in circuit.items()]
-    usual = {motor.supply: motor.usual_supply for motor in model.roles.motors if motor.usual_supply}
-    known = {**p, **{name: np.full_like(next(iter(p.values())), x) for name, x in usual.items()}}
+    fixed = {motor.supply: motor.usual_supply for motor in model.roles.motors if motor.usual_supply}
+    known = {**p, **{name: np.full_like(next(iter(p.values())), x) for name, x in fixed.items()}}
     sums: dict[tuple[str, str, str], Array] = {}
     for part, name, symbol, factor in terms:
         if symbol in known:

@@ -39,7 +39,7 @@ from bayesdrill.tasks.conclusions import plan
 
 
 def check_place(output: Path, *, force: bool) -> None:
-    """Raise the `InputError` that `save` would raise; called before a search of minutes."""
+    """Raise the `InputError` that `save` would raise; called before the long search."""
     Folder(output, "force" if force else "fresh", {}, MAP).check()
 
 
@@ -91,7 +91,7 @@ SHORTEST = {
     "auto": COMPRESSED_FROM,
     "exact": None,
     "compressed": 0,
-}  # records with more samples are compressed; None: no record
+}  # records with more samples than this are compressed; None: no record is compressed
 
 
 def fit_plan(job: Job) -> FitPlan:
@@ -119,7 +119,7 @@ def misfit(residuals: Sequence[ResidualSummary], clock: Unit) -> str:
 
 
 def check_new_config(job: Job, path: Path, *, force: bool) -> None:
-    """Raise the `InputError` that `write_config` would raise; called before a search of minutes."""
+    """Raise the `InputError` that `write_config` would raise; called before the long search."""
     place = str(path)
     if job.files.array_table is not None:
         raise InputError.at(
@@ -134,7 +134,7 @@ def check_new_config(job: Job, path: Path, *, force: bool) -> None:
 
 
 def write_config(job: Job, cause: Cause, path: Path, *, force: bool) -> None:
-    """Write the config of a job with the added lines of a candidate."""
+    """Write the config of a job, amended by the lines of a `cause`."""
     check_new_config(job, path, force=force)
     about = [f"{job.source.path.name} with {cause.about}, as `bayesdrill map` recommends it."]
     text = config_edits.as_file(config_edits.amended(job, cause), job.source, path.parent, about)

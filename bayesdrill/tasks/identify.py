@@ -66,7 +66,7 @@ class Findings(Value):
     profiles : tuple of Profile
         The profile likelihoods of the requested parameters, in SI.
     moment : InputTiming or None
-        The shifts of unknowns if the inputs act half a sample later; None if they are unknown.
+        The shifts of unknowns if the inputs act half a sample later; None if they are not known.
     point : StudyPoint
         The point at which the sensitivities are evaluated.
     reasons : tuple of str
@@ -148,9 +148,9 @@ class Findings(Value):
 
 
 def identify(job: Job, best: Mode | None, profiled: Sequence[str], report: Reporter) -> Findings:
-    """Study a job at the maximum `best` or else its start; make profiles of `profiled` parameters.
+    """Study a job at the maximum `best`, or else its start; make profiles of `profiled` parameters.
 
-    Raises `InputError` if no unknown can be studied, or if one of `profiled` is no such unknown.
+    Raises `InputError` if no unknown can be studied, or if `profiled` has another name.
     """
     posterior = job.problem.posterior
     sensitivities = SensitivityStudy(posterior.likelihood)

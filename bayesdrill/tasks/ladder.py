@@ -34,9 +34,9 @@ from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
 RANKED = "candidates"  # entry of `run.json` with the ranking
 KEPT = 20  # largest number of candidates in `run.json`
-STEPS = 400  # usual number of steps of a walker for a posterior with one maximum
+STEPS = 400  # typical number of steps of a walker for a posterior with one maximum
 GIVEN, AS_GIVEN = "as_given", "the config as it is"
-LONGEST_NAME = 100  # upper limit of the letters in the name of a config
+LONGEST_NAME = 100  # largest number of letters in the name of a config
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class LadderModel:
 
 
 def _with_lines(base_job: Job, cause: Cause) -> Job:
-    """Return the job of a config with the lines of a cause; raise `InputError` if it is invalid."""
+    """Return a job whose config also has the lines of a cause; raise `InputError` if invalid."""
     data = config_edits.amended(base_job, cause)
     data["output"] = {**data.get("output", {}), "figures": ["fit"]}
     data.pop("simulation", None)
@@ -61,8 +61,8 @@ def _with_lines(base_job: Job, cause: Cause) -> Job:
 class LadderOutcome:
     """A ladder has a folder, a comparison of its models and a recommendation.
 
-    `rungs` are the models that were run, in the order of `report.models`, and `left_out` has the
-    reasons why other models were not. The config of the `recommended` model is at `config`.
+    `rungs` are the models that were sampled, in the order of `report.models`.  `left_out` has the
+    reasons why other models were not.  `config` is the path of the `recommended` model's config.
     """
 
     folder: Path
@@ -76,8 +76,8 @@ class LadderOutcome:
     def summary(self) -> str:
         """Return the text for the terminal."""
         about = self.recommended.about
-        told = comparison_report.ladder_conclusion(about, self.left_out, self.config)
-        return f"{self.report.text}\n{told}"
+        conclusion = comparison_report.ladder_conclusion(about, self.left_out, self.config)
+        return f"{self.report.text}\n{conclusion}"
 
 
 def ladder(
@@ -88,7 +88,7 @@ def ladder(
     report: Reporter,
     sample: int = 2,
 ) -> LadderOutcome:
-    """Run the whole job; `sample` is the number of most probable candidates that are sampled.
+    """Run the whole job, in which the `sample` most probable candidates are sampled.
 
     Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was killed.
     Finished models stay in the folder.
@@ -169,7 +169,7 @@ class _Sampling:
         return dataclasses.replace(causes, ranked=causes.ranked[:KEPT])
 
     def _taken_up(self, place: str, model: LadderModel) -> bool:
-        """Read the earlier result of a model, and return whether there is one with evidence."""
+        """Read the earlier result of a model, and return whether it exists and has an evidence."""
         folder = self.folder.path / place
         run = (run_folder.read_run(folder) if self.again else None) or {}
         marks = provenance.fingerprint(model.job.config, model.job.problem)
@@ -212,7 +212,7 @@ def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult] | s
 
 
 def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
-    """Write the comparison of all models; the reference is the model with the lowest rank."""
+    """Write the comparison of all models; the reference is the model that was ranked last."""
     if not work.done:
         raise InputError.at(str(job.source.path), "; ".join(work.left_out.values()))
     places = sorted(work.done, reverse=True)

@@ -58,8 +58,8 @@ LOADED_LATE = (
 class Outcome:
     """A finished run has a `summary` for a screen, and `details` with everything except figures.
 
-    `reasons` say why the result must not be believed (no convergence, or a bad fit), and `missing`
-    names the tables and figures that could not be made.
+    `reasons` say why the result must not be believed, such as a bad fit.  `missing` names the
+    tables and figures that could not be made.
     """
 
     folder: Path
@@ -126,7 +126,7 @@ def _run(
         if not pool.in_process:
             thread.submit(list, map(importlib.import_module, LOADED_LATE))
         searches = None if mode else begin_searches(pool, find_map.fit_plan(job), report)
-        # While workers search the MAP, this process identifies what the record can determine.
+        # While workers search the MAP, this process computes what the record can determine.
         study = SensitivityStudy(job.problem.posterior.likelihood)
         report.update(0.0, "computing what the record can determine")
         details.say(preflight(job, study))
@@ -135,11 +135,11 @@ def _run(
             find_map.write_mode(folder, mode)
         assert mode is not None
         job = job.with_steps_at(mode)
-        left = residuals(job, mode)
-        if misfit := find_map.misfit(left, job.problem.clock):
+        fit = residuals(job, mode)
+        if misfit := find_map.misfit(fit, job.problem.clock):
             report.say(misfit)
         # Causes are reported before sampling, so that the user can stop a useless run.
-        explained = causes(job, mode, left, pool.submit_function, report)
+        explained = causes(job, mode, fit, pool.submit_function, report)
         if explained is not None:
             report.say(describe_causes(explained))
         pool.set_steps(mode.pieces)
@@ -171,7 +171,7 @@ def republish(
         folder.begin()
         with WorkerPool(finished.job.problem.posterior, processes) as pool:
             seconds = dict(run.get("seconds", {}))
-            seconds.pop("report", None)  # not valid for the new report
+            seconds.pop("report", None)  # the duration of the earlier report
             view = concluded(finished, seconds=seconds, map_each=pool.map_each)
             figures = publish.begin_figures(view, folder, pool, report, pdf=pdf)
             return _publish(finished.job, folder, view, figures, report)
@@ -235,10 +235,10 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
             compression=record.compression,
         )
     sampled = again.with_reasons(mode.doubts)
-    kept = None
+    analysis = None
     if record is not None and record.analysis_of == analysis_mark(job, mode, sampled):
-        kept = record.analysis
-    return SampledRun(job, mode, sampled, stored=kept)
+        analysis = record.analysis
+    return SampledRun(job, mode, sampled, stored=analysis)
 
 
 def write_result(
@@ -262,7 +262,7 @@ def write_result(
 
 
 def sample_in_memory(job: Job, mode: Mode, processes: int, report: Reporter) -> SamplingResult:
-    """Sample from the maximum `mode`; the job must have the integration steps of this mode."""
+    """Sample from the maximum `mode`; the job must have the step sizes chosen at this maximum."""
     with WorkerPool(job.problem.posterior, processes) as pool:
         sampled = _sample(job, pool, mode, MemoryBackend(), report)
         return weigh(pool, sampled, find_map.fit_plan(job), report)
@@ -298,7 +298,7 @@ def _publish(
     report: Reporter,
     start_time: float | None = None,
 ) -> Outcome:
-    """Write tables, figures and `run.json`; the report of a timed run began at `start_time` [s]."""
+    """Write tables, figures and `run.json`; `start_time` [s] is when the report began, if timed."""
     missing = publish.write_results(view, folder, figures, report)
     report.update(1.0, "")
     seconds, judged = dict(view.seconds), view.analysis.judged
@@ -313,8 +313,8 @@ def _publish(
     )
     advice = ""
     if judged is not None and not view.reasons:
-        left = [quantity.exponents for quantity in judged.verdict.undetermined]
-        advice = next_experiment(judged.verdict.names, left, str(folder.path))
+        undetermined = [quantity.exponents for quantity in judged.verdict.undetermined]
+        advice = next_experiment(judged.verdict.names, undetermined, str(folder.path))
     return Outcome(
         folder=folder.path,
         mode=view.mode,

@@ -1,4 +1,8 @@
-"""Rank candidate models: refit changes of a config, alone and combined with others that gain."""
+"""Rank candidate models: refit changes of a config, alone and combined with others that gain.
+
+The changes of a candidate are its parts.  An absorbing part, such as a missing torque, absorbs any
+misfit without naming a cause.
+"""
 
 from __future__ import annotations
 
@@ -34,20 +38,20 @@ from bayesdrill.selection.candidates import CandidateModel, CandidateModels
 from bayesdrill.selection.changes import GEAR, LATER, START, WIDENED
 
 Submit = Callable[..., Future[Any]]  # submits a function and its arguments
-PAIRED = 4  # number of best candidates of which all pairs are tried
-# Grids of constants: after each value of a grid, values next to the best are tried (`_finer`).
+PAIRED = 4  # all pairs of this many best candidates are tried
+# Grids of constants: first all values of a grid are tried, then values next to the best (`_finer`).
 GEARS = (0.1, 0.2, 0.25, 1 / 3, 0.5, 0.7, 1.4, 2.0, 3.0, 4.0, 5.0, 10.0)  # new / given ratio
 CLOCKS = (0.95, 0.97, 0.98, 0.99, 0.995, 1.005, 1.01, 1.02, 1.03, 1.05)  # true / recorded time
 FINEST_GEAR, FINEST_CLOCK = 1e-3, 1e-5  # smallest distances between tried values
-LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # omitted beginning / duration
-SEEK_ROUNDS, SAME_HEIGHT = 8, 1.0  # largest number of rounds; a gain of log evidence that ends them
+LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # omitted beginning / whole record
+SEEK_ROUNDS, SAME_HEIGHT = 8, 1.0  # limit of rounds; smaller differences of log evidence end them
 HANDED_OVER = 4  # number of refits that run at the same time
-# No combination is refitted after this number of evaluations in all refits, which take about five
-# minutes of a processor for a rig with friction and 10,000 samples.
+# After this total of evaluations in all refits, no combination is refitted.  The evaluations take
+# about five minutes of a processor for a rig with friction and 10,000 samples.
 MOST_EVALUATIONS = 700_000
-PROMISE = 3.0  # a search that promises less gain of log density [nats] is stopped
-MIN_SHARE_WORTH_COMBINING = 0.05  # smallest useful gain / gain of absorbing parts
-REDUNDANT = 0.99  # one of two parts is enough if each gains this fraction of both
+PROMISE = 3.0  # a search is stopped if it is expected to gain less log density than this [nats]
+MIN_SHARE_WORTH_COMBINING = 0.05  # smallest useful gain, divided by the gain of absorbing parts
+REDUNDANT = 0.99  # of two parts one is enough, if each alone has this fraction of their joint gain
 MAX_HIDDEN = 0.02  # largest fraction of masked samples, unless all other residuals are noise
 WINDOWS = 4  # number of windows of a record if no candidate explains it
 
@@ -55,7 +59,7 @@ WINDOWS = 4  # number of windows of a record if no candidate explains it
 def rank(
     job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporter
 ) -> tuple[Causes, Mapping[tuple[str, ...], RefitMaximum]]:
-    """Refit all candidate models of `job` from its maximum; return also their maxima, by parts.
+    """Refit all candidate models of `job` from its `maximum`; return causes, and maxima by parts.
 
     First come single parts and pairs of the best parts.  Then parts are added to the best
     candidate while it improves.  `submit` runs `refits.refit_candidate` in any process.
@@ -121,7 +125,7 @@ class Ranking:
     def causes(self) -> Causes:
         """Refit all candidates, and return the causes, the recommended one first.
 
-        Values and units come first, as added physics explains most effects of a wrong value, too.
+        Values and units come first, as added physics would also explain most wrong values.
         """
         self.refit_scales()
         if not self._explained:
@@ -185,8 +189,8 @@ class Ranking:
     def _climb(self, absorbing: Sequence[str]) -> None:
         """Alternately add parts to the best candidate and remove parts, while this gains evidence.
 
-        A part that was a substitute for another part is thus removed early.  Changes without new
-        unknowns (signs, exchanged columns) that lose alone are not tried again, nor useless scales.
+        A part that was a substitute for another part is thus removed early.  Scales that gain
+        little alone are not tried again, nor signs and exchanged columns that lose alone.
         """
         changes = self.models.changes.values()
         lost = {c.name for c in self._all() if not c.new and c.bayes < -SURE_LOG_ODDS}
@@ -381,18 +385,18 @@ class Ranking:
         self.maxima[rung.names] = top
 
     def _redundant(self, top: RefitMaximum, rung: CandidateModel) -> Iterator[Doubt]:
-        """Yield doubts on pairs whose parts each gain nearly as much as both, unless all is noise.
+        """Yield doubts on pairs in which each part gains nearly as much as both.
 
-        A stopped refit raises no doubt, since its evidence underestimates the gain of both parts.
+        No doubt is raised if residuals are noise, or if the refit stopped at too low an evidence.
         """
         causes, both = self.causes_by_parts, float(top.log_z - self.base.log_z)
         known = top.is_finished and not like_noise(top.residuals)
         for pair in itertools.combinations(rung.changes, 2) if known else ():
-            rest, *alone = (
+            others, *alone = (
                 tuple(name for name in rung.names if name not in {*removed})
                 for removed in ([c.name for c in pair], *([c.name] for c in pair))
             )
-            neither = causes[rest].bayes if rest in causes else 0.0
+            neither = causes[others].bayes if others in causes else 0.0
             least = neither + max(REDUNDANT * (both - neither), SURE_LOG_ODDS)
             if all(names in causes and causes[names].bayes > least for names in alone):
                 yield Doubt("alike", tuple(change.description for change in pair))
@@ -400,7 +404,7 @@ class Ranking:
     def _windows(self) -> tuple[tuple[FittedValue, ...], ...]:
         """Refit the given config on each window; return nothing if one refit fails.
 
-        Each window has the unknowns that it determines; windows with none but noise are omitted.
+        Each window has its determined unknowns; windows that determine only noise are omitted.
         """
         try:
             jobs = [rung.job() for rung in self.models.windows(WINDOWS)]
@@ -413,10 +417,10 @@ class Ranking:
         if None in maxima:
             return ()
         symbols = [s for s in self.job.problem.symbols if self.roles[s.name] != "start"]
-        told = [[s for s in symbols if s.name not in top.vague] for top in maxima]
+        determined = [[s for s in symbols if s.name not in top.vague] for top in maxima]
         return tuple(
             _fitted(self.job.problem.units, known, top)
-            for known, top in zip(told, maxima, strict=True)
+            for known, top in zip(determined, maxima, strict=True)
             if any(self.roles[symbol.name] != "noise" for symbol in known)
         )
 
@@ -424,21 +428,21 @@ class Ranking:
 def _finer(heights: Mapping[float, float], finest: float) -> list[float]:
     """Return values between the best value and its neighbours: midpoints, and a parabola's maximum.
 
-    The result is empty if neighbours are nearer than `finest`, or about as probable.
+    The result is empty if the neighbours are nearer than `finest`, or about as probable.
     """
     known = sorted(heights)
     k = known.index(max(heights, key=heights.__getitem__))
-    near = known[max(k - 1, 0) : k + 2]
+    three = known[max(k - 1, 0) : k + 2]
     least = heights[known[k]] - SAME_HEIGHT
-    far = [
-        (a, b) for a, b in pairwise(near) if b - a > finest and min(heights[a], heights[b]) < least
+    wide = [
+        (a, b) for a, b in pairwise(three) if b - a > finest and min(heights[a], heights[b]) < least
     ]
-    halfway = [0.5 * (a + b) for a, b in far]
-    if len(near) < 3 or not far:
+    halfway = [0.5 * (a + b) for a, b in wide]
+    if len(three) < 3 or not wide:
         return halfway
-    bend, slope, _ = np.polyfit(np.subtract(near, known[k]), [heights[x] for x in near], 2)
+    bend, slope, _ = np.polyfit(np.subtract(three, known[k]), [heights[x] for x in three], 2)
     top = known[k] - 0.5 * slope / bend if bend < 0 else known[k]
-    return [*halfway, float(top)] if near[0] < top < near[2] and top not in heights else halfway
+    return [*halfway, float(top)] if three[0] < top < three[2] and top not in heights else halfway
 
 
 def _doubts(top: RefitMaximum, known: set[str], rung: CandidateModel) -> Iterator[Doubt]:

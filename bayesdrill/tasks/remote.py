@@ -126,7 +126,7 @@ class Cluster(RefitExecutor):
         self._client = client
         self._compared: set[str] = set()
         self._given_up: set[str] = set()
-        # By address: a worker's last heartbeat in the scheduler's time, and when it was noticed.
+        # By address: a worker's last heartbeat in the scheduler's time, and when it was noticed here.
         self._heard: dict[str, tuple[float, float]] = {}
         self._last = self._looked = time.monotonic()
 
@@ -248,7 +248,7 @@ def run_jobs[K, T](
     folder: Path,
     report: Reporter,
 ) -> None:
-    """Compute `function` for each job, which has `packed` arguments and further ones.
+    """Compute `function` for each of `jobs`: the arguments that are `packed`, then further ones.
 
     `finish` saves the result of a finished job in `folder`, and returns a text about the progress.
     A job that is computed twice, because a worker was lost, is saved once.  Raises like `results`.
@@ -266,7 +266,7 @@ _ONE_AT_A_TIME = threading.Lock()
 
 
 def packed(*arguments: Any) -> bytes:
-    """Pickle `arguments` for other processes; each process compiles their kernels once."""
+    """Pickle `arguments` for other processes, which unpickle them and compile kernels only once."""
     return pickle.dumps(arguments)
 
 

@@ -29,8 +29,8 @@ from bayesdrill.results.run_folder import FolderEntries
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.proposal.learning import LearnedProposal
 
-# Version of `RunRecord`. Version 1 repeated the numbers of the analysis. The analysis of version 2
-# has sentences instead of findings, so it is not read but evaluated again.
+# Version of `RunRecord`, and the older version that is read, too.  The analysis in version 2 has
+# sentences instead of findings, so it is not read but evaluated again.
 FORM, READ_TOO = 3, 2
 OLDER = (
     "was written by an older version of bayesdrill, and is not read any more. `bayesdrill posterior "
@@ -39,7 +39,7 @@ OLDER = (
 
 
 def _analysis_of_this_form(value: Any, read: Callable[[Any], RunAnalysis]) -> RunAnalysis | None:
-    """Return an analysis; None, so that it is evaluated again, if another version wrote it."""
+    """Return an analysis, or None if another version wrote it; it is then evaluated again."""
     try:
         return read(value)
     except ValueError:
@@ -118,7 +118,7 @@ def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
     )
     data = as_data(record)
     if record.importance is None:
-        del data["importance"]  # a report without a proposal keeps the existing entry
+        del data["importance"]  # `run.json` keeps its entry if a report has no proposal
     return dict(data)
 
 

@@ -33,9 +33,9 @@ def save_text(
     """Save a text, the figures that `draw` makes, and the texts `others` by their file names.
 
     Returns the folder.  Raises `InputError` if a file of the record or of another kind would be
-    replaced, or, without `force`, one of the same kind.  An interrupted call leaves no files.
+    replaced or, without `force`, a file of the same kind.  An interrupted call leaves no files.
     """
-    from bayesdrill.report import style  # late: matplotlib takes a second to load
+    from bayesdrill.report import style  # imported late, as matplotlib takes a second to load
 
     place, output = Path(folder).expanduser(), job.config.output
     output_files.refuse_other_text(place, kind, force=force)
@@ -59,7 +59,7 @@ def save_text(
 
 @contextmanager
 def _all_or_none(folder: Path, kind: Kind) -> Iterator[None]:
-    """Remove the files of a kind, and folders that then are empty, if the block fails."""
+    """Remove the files of a kind, and folders that are then empty, if the block fails."""
     try:
         yield
     except BaseException:

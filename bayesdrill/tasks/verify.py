@@ -130,7 +130,7 @@ def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
     yield from _of_several(COMPARED, folder, run, LADDER)
 
 
-# For each kind of results the function that yields problems, and a list of the contents in words.
+# Each kind of results has a function that yields problems, and a list of its contents in words.
 _WAYS: tuple[tuple[Kind, Callable[[Path, Mapping[str, Any]], Iterator[Issue]], str], ...] = (
     (POSTERIOR, partial(_of_run, _job_of_posterior, POSTERIOR), "config, record, chain"),
     (MAP, partial(_of_run, _job_of_map, MAP), "config, record, maximum"),
@@ -154,7 +154,7 @@ def _changed(folder: Path, kind: Kind, files: Mapping[str, str]) -> Iterator[Iss
 
 
 def _way_back(kind: Kind, name: str) -> str:
-    """Return the command that restores a file; `bayesdrill report` cannot restore what it reads."""
+    """Say how to restore a file; `bayesdrill report` cannot restore the files that it reads."""
     if kind is not POSTERIOR:
         return f"`bayesdrill {kind.job} --force` makes it again"
     if output_files.REPORT_SOURCES.is_output(name) or name in output_files.CONFIGS:

@@ -12,7 +12,7 @@ from bayesdrill.inference.unknowns import Coordinates
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """A task is to maximise a log density over physical unknowns.
+    """A task is to maximise a log density over physical points, which are unknowns in SI.
 
     Attributes
     ----------

@@ -1,9 +1,9 @@
 """Run Nelder-Mead on scaled unknowns, and restart it with new simplexes while restarts help.
 
 Without scaling the simplex stops too early: a damping of 1e-4 is as small as the default absolute
-tolerance of most libraries.  Here, the first steps of a simplex are a tenth of each unknown while
-runs gain much.  Near the optimum they are one standard deviation of the local Gaussian
-approximation.  The tolerances are in units of these steps.
+tolerance of most libraries.  Here, the first steps of a simplex are a tenth of each unknown as long
+as runs gain much.  Near the optimum, they are one standard deviation of the local Gaussian
+approximation.  The tolerances are in units of the first steps.
 
 Searches from several starts run in lock-step: their points are evaluated as one batch, which costs
 hardly more than a single point.
@@ -30,8 +30,8 @@ type AskTell[T] = Generator[Array, Array, T]
 class SimplexRun:
     """A simplex run evaluates at most `max_evaluations` points `to_point(x)`, where `x (D,)` is scaled.
 
-    `start_value` is the value at the start, and `lowest` the lowest value so far, at `x`.  The
-    tolerances were met if `is_converged`.
+    `start_value` is the value at the start, and `lowest` the lowest value so far, found at `x`.  If
+    `is_converged`, the tolerances were met.
     """
 
     max_evaluations: int
@@ -43,7 +43,7 @@ class SimplexRun:
     is_converged: bool = False
 
     def ask(self, points: Array) -> AskTell[Array]:
-        """Ask for the values at `points (n, D)` and return them; inf beyond `max_evaluations`."""
+        """Ask for the values at `points (n, D)`, and return them; inf after `max_evaluations`."""
         values = np.full(len(points), np.inf)
         asked = points[: self.max_evaluations - self.evaluations]
         if len(asked):

@@ -1,8 +1,8 @@
 """Learn the independence proposal from the log density, before any walker takes a step.
 
-The ridge of each maximum is traced.  Then draws of the current proposal get importance weights, and
-a Gaussian mixture in the coordinates of the ridges is fitted to them.  This adaptive importance
-sampling ends when the mixture no longer improves.
+The ridge of each maximum is traced, and defines a sheet: coordinates along and across the ridge.
+Then draws of the proposal q get the weights p/q for the posterior p, and a new mixture of Gaussians
+on sheets is fitted to the draws.  This adaptive importance sampling ends when q does not improve.
 """
 
 from __future__ import annotations
@@ -36,23 +36,23 @@ from bayesdrill.sampling.samplers.independence import (
     normalised,
 )
 
-Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
+Component = tuple[int, float, Array, Array]  # index of a sheet, weight, mean, root of covariance
 
 DRAWS_PER_ROUND = 2400  # draws of the proposal in a round
 WIDE_FACTOR, WIDE_DRAWS = 1.5, 800  # relative width of the wider proposal, and its draws per round
 RIDGES_PER_BATCH = 6  # a round has a batch of draws for every six ridges
 MAX_TRIES_PER_DRAW = 50  # largest number of tries for each draw inside the prior
 MAX_ROUNDS = 12  # largest number of rounds of drawing and fitting
-FEW_ROUNDS, HOPELESS_DRAWS = 5, 2.0  # after more rounds, fewer effective draws end the learning
-MIN_IMPROVEMENT = 1.04  # a smaller growth factor of the effective fraction means that it settled
+FEW_ROUNDS, HOPELESS_DRAWS = 5, 2.0  # a later round with fewer effective draws ends the learning
+MIN_IMPROVEMENT = 1.04  # q has settled if the effective fraction grows by a smaller factor
 MIN_EFFECTIVE_SHARE = 0.3  # the learning goes on while a smaller fraction of the draws is effective
 MIN_TEMPERED_SHARE = 0.1  # the weights are tempered until this fraction of the draws is effective
 REDRAW_COST = 0.4  # cost of a draw outside the prior, in evaluations of the density
-MAX_ADDED_RIDGES = 4  # largest number of times that ridges are added
+MAX_ADDED_RIDGES = 4  # largest number of rounds that add ridges
 GOOD_EFFECTIVE_SHARE = 0.3  # no ridge is added if this fraction of the draws is effective
 CENTRE_QUANTILE = 0.9  # new ridges start at draws with weights above this quantile
 MAX_STRAY_MASS = 0.01  # with more posterior mass beyond the ends of ridges, the ridges are replaced
-TRAPPING_PENALTY = 20.0  # weight of regions where p/q is large, because walkers stay there for long
+TRAPPING_PENALTY = 20.0  # penalty for posterior mass where p/q is so large that walkers are trapped
 MAX_TRAPPED_MASS = 0.005  # posterior mass in such regions, above which the learning goes on
 COMPONENT_SCALE = 0.7  # initial width of each of several components, relative to a single one
 INITIAL_TIGHT_SDS = 1.2  # initial width in the tight directions, in standard deviations
@@ -70,9 +70,9 @@ class NoSupportError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnedProposal:
-    """A learnt proposal has test `draws`; `origin` is the index of each ridge's maximum.
+    """A learnt proposal has the `draws` that tested it, and the index of each ridge's maximum.
 
-    `missed` estimates the posterior mass that the proposal hardly ever reaches.
+    These indices are `origin`.  `missed` estimates the posterior mass that q hardly ever reaches.
     """
 
     proposal: Proposal
@@ -180,7 +180,7 @@ def _best_mixture(
 
 
 def _most_efficient(rounds: Sequence[_Round]) -> _Round:
-    """Return the most efficient round after comparisons with the last, which reaches furthest."""
+    """Compare rounds with the last round, whose draws reach furthest; return the most efficient."""
     *candidates, last = rounds
     while candidates:
         k = int(np.argmax([candidate.efficiency for candidate in candidates]))
@@ -219,7 +219,7 @@ def _compared(candidate: _Round, other: _Round) -> tuple[_Round, _Round]:
 
 
 def _central_draws(learning_round: _Round) -> list[tuple[int, Array, tuple[Array, Array]]]:
-    """Return for each maximum with some mass a draw near its middle, and its weighted draws."""
+    """Return index, most central draw of high weight, and weighted draws, for each maximum."""
     u, weights = learning_round.weighted_draws
     shares = responsibilities(learning_round.proposal.mixture, u, weights)[1]
     owner = np.array(learning_round.origin)[learning_round.proposal.mixture.sheet]
@@ -230,14 +230,14 @@ def _central_draws(learning_round: _Round) -> list[tuple[int, Array, tuple[Array
             continue
         sds = distances(u, mode_shares)
         least = np.quantile(mode_shares, CENTRE_QUANTILE)
-        likely = np.flatnonzero(mode_shares >= least)  # all draws, if few have a weight
+        likely = np.flatnonzero(mode_shares >= least)  # all, if so few have a weight that least = 0
         middles.append((origin, u[likely[np.argmin(sds[likely])]], (u, mode_shares)))
     return middles
 
 
 @dataclass(frozen=True, slots=True)
 class _Round:
-    """A round tests a proposal by `draws`: `counts` from its mixture and from a wider mixture."""
+    """A round tests a proposal by draws: `counts` of its mixture and of a wider one were tried."""
 
     proposal: Proposal
     origin: tuple[int, ...]
@@ -263,7 +263,7 @@ class _Round:
         beyond = 0.0
         for s, sheet in enumerate(mixture.sheets):
             if sheet.frame.tight.shape[1] == 0:
-                continue  # a sheet without tight directions has no ridge
+                continue  # without tight directions, there is no ridge that could end
             sheet_shares = shares[mixture.sheet == s].sum(axis=0)
             beyond += float(sheet_shares @ ~sheet.is_covered(y[s, :, : sheet.n_loose]))
         return beyond
@@ -295,15 +295,15 @@ def _draw(mixture: Mixture, origin: tuple[int, ...], surface: LogDensity, random
     if not np.isfinite(log_w).any():
         raise NoSupportError("no point of finite posterior was found around the maximum")
     draws = WeightedDraws(u, log_w, log_q - log_every)
-    share = max(len(narrow_draws) / n_narrow, 1.0 / n_narrow)
-    proposal = Proposal(mixture, share, draws.typical_log_ratio)
+    share_inside = max(len(narrow_draws) / n_narrow, 1.0 / n_narrow)
+    proposal = Proposal(mixture, share_inside, draws.typical_log_ratio)
     return _Round(proposal, origin, draws, (n_narrow, n_wide))
 
 
 def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Array, Array]:
-    """Return log densities at `u (N, D)`: of all draws together, then of the mixture alone.
+    """Return the logs of n q(u) + n_wide q_wide(u) and of q(u), at `u (N, D)`.
 
-    `counts` are the numbers of draws from the mixture and from the wider mixture.
+    `counts` are n and n_wide, the numbers of draws from the mixture q and from the wider mixture.
     """
     y, jacobian = mixture.straightened(u)
     log_q = mixture.log_density_at(y, jacobian)
@@ -347,9 +347,9 @@ def _several_components(mixture: Mixture, u: Array, weights: Array, random: Rand
         known = effective_count(sheet_weights) / (5 * u.shape[1]) if sheet_weights.any() else 0
         count = int(np.clip(known, 0, most))
         if count == 0:  # too few effective draws: the component stays
-            share = max(float(sheet_weights.sum()), NEGLIGIBLE_RIDGE)
+            mass = max(float(sheet_weights.sum()), NEGLIGIBLE_RIDGE)
             components = np.flatnonzero(mixture.sheet == s)
-            parts += [(s, share, mixture.means[k], mixture.roots[k]) for k in components]
+            parts += [(s, mass, mixture.means[k], mixture.roots[k]) for k in components]
             continue
         points = y[s, mine]
         centre, root = moments(points, sheet_weights)
@@ -379,6 +379,6 @@ def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:
 
 
 def responsibilities(mixture: Mixture, u: Array, weights: Array) -> tuple[Array, Array]:
-    """Return coordinates `(S, N, D)` of `u (N, D)`, and `weights` by component, `(K, N)`."""
+    """Return `u (N, D)` on each sheet, `(S, N, D)`, and `weights` split by component, `(K, N)`."""
     y, jacobian = mixture.straightened(u)
     return y, mixture.responsibilities(y, jacobian, weights)

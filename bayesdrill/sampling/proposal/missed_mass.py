@@ -20,12 +20,12 @@ from bayesdrill.sampling.samplers.independence import Mixture, Proposal, Random,
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 ROUNDS = (400, 400, 1600)  # number of draws of each round; the last round gives the estimate
-FAR_LOG_RATIO = 3.0  # missed mass has a log (p/q) this much above the typical value
+FAR_LOG_RATIO = 3.0  # mass is missed where log (p/q) is this much above its typical value
 MAX_MISSED_MASS = 0.01  # fraction of the posterior; less missed mass counts as zero
-MIN_EFFECTIVE_SHARE = 0.02  # effective fraction of draws that is enough to end in the first round
+MIN_EFFECTIVE_SHARE = 0.02  # one round may be enough if this fraction of its draws is effective
 MAX_TRIES_PER_DRAW = 10  # largest number of tries for each draw inside the prior
 MIN_TEMPERED_SHARE = 0.1  # the weights are tempered until this fraction of the draws is effective
-NEGLIGIBLE_WEIGHT = 1e-9  # added to the weights, as a sheet may have no draws
+NEGLIGIBLE_WEIGHT = 1e-9  # added to each weight, as all draws of a sheet may have the weight zero
 WIDTH_ALONG, WIDTH_ACROSS = 1.3, 1.05  # widths of a component, relative to the weighted draws
 LOOKING = "looking for posterior mass that the proposal misses"
 
@@ -61,7 +61,7 @@ def missed_mass(
 
 
 def _wide(sheets: Sequence[RidgeMap], u: Array, weights: Array) -> Mixture:
-    """Return a mixture with a component for each sheet, wider than its draws `u (N, D)`."""
+    """Return a mixture with a component for each sheet, wider than weighted draws `u (N, D)`."""
     means, roots = [], []
     for sheet, sheet_weights in zip(sheets, weights, strict=True):
         tight = u.shape[1] - sheet.n_loose
@@ -74,7 +74,7 @@ def _wide(sheets: Sequence[RidgeMap], u: Array, weights: Array) -> Mixture:
 def _ridge_draws(
     surface: LogDensity, mixture: Mixture, n: int, random: Random
 ) -> tuple[WeightedDraws, Array]:
-    """Draw about `n` points of nonzero density along Newton ridges; return `Mixture.shares` too."""
+    """Draw about `n` points of nonzero density on Newton ridges; return component fractions too."""
     ridges = tuple(newton_ridge(sheet, surface.approximate_model) for sheet in mixture.sheets)
     mixture = replace(mixture, sheets=ridges)
     share_inside = surface.in_support(mixture.draw(n, random).u).mean()

@@ -2,8 +2,8 @@
 
 The curvature at the maximum, in units of the priors' precision, splits the unknowns into tight
 directions, which the record determines far better than the priors do, and loose directions.  In
-stages of growing length, points are placed along the loose directions.  Gauss-Newton returns each
-of them to the ridge.  Polynomials are fitted to the returned points.
+stages of growing length, points are placed along the loose directions.  Gauss-Newton moves each of
+these points back to the ridge.  Polynomials are then fitted to the points on the ridge.
 
 A Newton ridge moves every point from the polynomials to the exact ridge by Gauss-Newton.  Each draw
 then costs about a hundred evaluations, so only the check for missed mass uses a Newton ridge.
@@ -28,31 +28,31 @@ Expand = Callable[[Array, Array], QuadraticModel]
 # at least `STRAIGHT_RATIO` times the square root of the largest ratio. A direction that fails only the
 # second condition is loose, because along it the tightest direction would bend too much.
 TIGHT_RATIO, STRAIGHT_RATIO = 100.0, 0.003
-NEAR_END = 1e-6  # an unknown nearer to an end of its prior, in spreads of the prior, is at the end
-MIN_NEW_SHARE = 1e-6  # if the orthogonal part of a unit axis is shorter, it is a rounding error
+NEAR_END = 1e-6  # an unknown this near to an end of its prior, in prior spreads, is at the end
+MIN_NEW_SHARE = 1e-6  # an axis is new if its part orthogonal to other axes is longer than this
 MAX_SDS_BEYOND_END = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
 PROBES = 12  # number of random prior points at which a flat direction must be flat
 NEGLIGIBLE_CURVATURE = 1e-12  # curvature / largest curvature; a smaller ratio is a rounding error
-KNOWLEDGE_DISCOUNT = 9.0  # divisor of loose directions' precisions, which may be lower elsewhere
+KNOWLEDGE_DISCOUNT = 9.0  # divisor of loose directions' precisions: far away they may be lower
 BEYOND_ENDS = 0.1  # points are used up to this distance beyond the priors, in ranges of the priors
 SCATTER_WIDTH = 1.4  # ratio of the width of the points to the expected width of the posterior
-TRUSTED_EXTRAPOLATION = 2.0  # in radii of the fitted points: how far the next stage trusts the fit
-MAX_CORNER_GROWTH = 2.0  # limit of a coordinate's highest power; it is at most 1 at fitted points
+TRUSTED_EXTRAPOLATION = 2.0  # the next stage uses the fit up to this multiple of its points' radius
+MAX_CORNER_GROWTH = 2.0  # limit of a coordinate's highest power, which is <= 1 at fitted points
 ITERATIONS = 6  # largest number of Gauss-Newton steps for each point
-CONVERGED_SDS = 0.03  # Gauss-Newton ends after a step of fewer standard deviations
+CONVERGED_SDS = 0.03  # in standard deviations: Gauss-Newton ends after a shorter step
 MAX_STEP = 0.5  # longest step, in priors' spreads
 MAX_SDS = 1e100  # standard deviations from the ridge; a larger number comes from overflow
 MAX_DEGREE = 14  # highest degree of the polynomials
 ERROR_QUANTILE = 0.98  # quantile of the errors at held-out points, by which degrees are compared
-MIN_IMPROVEMENT = 0.8  # largest ratio of errors at which a higher degree is preferred
+MIN_IMPROVEMENT = 0.8  # a higher degree is preferred if its error / the least error is below this
 GOOD_ERROR = 0.1  # in standard deviations: below this error, no higher degree is tried
 FAIR_ERROR = 0.3  # in standard deviations: above this error, points are added
-POINTS_PER_TERM = 2.5  # points for each term of a polynomial
+POINTS_PER_TERM = 2.5  # number of points for each term of a polynomial
 MAX_DEPTH = 100.0  # a point this far below the highest log density is not on the ridge
 HELD_OUT_EVERY = 4  # every fourth point is held out of the fit
-PRIOR_MARGIN = 0.9  # the ridge has to be within the priors for this fraction of the way to a point
+PRIOR_MARGIN = 0.9  # the ridge must be within the priors at this fraction of the way to a point
 NEAR_SDS = 0.5  # in standard deviations: after a shorter step, a point is on the Newton ridge
-NEWTON_ITERATIONS = 9  # largest number of steps to a Newton ridge; bad polynomials may need half
+NEWTON_ITERATIONS = 9  # largest number of steps to a Newton ridge, twice what bad polynomials need
 
 
 def split_directions(
@@ -61,8 +61,8 @@ def split_directions(
     """Return the basis at the maximum `centre (D,)`, and the precision of its loose part `(l,)`.
 
     `here` is the quadratic model at `centre`.  Flat directions `still (D, f)` come first in the
-    basis.  An unknown pressed against an end of its prior becomes a loose direction of its own.  In
-    a tight direction, it would put the maximum of the quadratic model outside the prior.
+    basis.  An unknown pressed against an end of its prior becomes a loose direction of its own.  As
+    part of a tight direction, it would move the quadratic model's maximum out of the prior.
     """
     scale = surface.spread
     slope, curvature = here.slope[0] * scale, here.curvature[0] * np.outer(scale, scale)
@@ -73,9 +73,9 @@ def split_directions(
     known = np.zeros(separate.shape[1])
     sds_beyond = np.linalg.norm((slope @ vectors[:, tight]) / np.sqrt(values[tight]))
     if sds_beyond > MAX_SDS_BEYOND_END:
-        near = NEAR_END * scale
-        pressed = (centre <= surface.low + near) & (slope < 0)
-        pressed |= (centre >= surface.high - near) & (slope > 0)
+        margin = NEAR_END * scale
+        pressed = (centre <= surface.low + margin) & (slope < 0)
+        pressed |= (centre >= surface.high - margin) & (slope > 0)
         separate, separate_unknowns = _orthogonal(separate, np.flatnonzero(pressed))
         knowledge = np.diag(curvature) + slope**2
         known = np.concatenate([known, knowledge[separate_unknowns]])
@@ -107,8 +107,7 @@ def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
 def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
     """Return directions `(D, f)`, in priors' spreads, along which the likelihood never changes.
 
-    A direction may be flat at one point by chance, so that the likelihood is examined at points all
-    over the prior.
+    A direction may be flat at one point by chance, so points all over the prior are examined.
     """
     d = len(surface.middle)
     scattered = surface.middle + surface.spread * rng.standard_normal((PROBES, d))
@@ -155,13 +154,13 @@ def trace(
 
     If there are `weighted_draws`, draws of the posterior `(N, D)` and their weights `(N,)`, the
     ridge is followed as far as these draws reach.  Otherwise priors and the curvature at the
-    maximum determine its length.
+    maximum determine the length of the ridge.
     """
     here = surface.quadratic_model(centre[None], np.eye(len(centre)))
     still = flat_directions(surface, rng)
     base, known = split_directions(surface, centre, here, still)
     if len(known) == len(centre) and (known > TIGHT_RATIO).any():
-        # Unknowns at ends leave no tight direction, so that each unknown becomes a loose direction.
+        # If unknowns at ends leave no tight direction, each unknown becomes a loose direction.
         scale = surface.spread
         base = ridge.local_basis(centre, np.diag(scale), len(centre))
         known = np.diag(here.curvature[0]) * scale**2 + (here.slope[0] * scale) ** 2
@@ -176,7 +175,7 @@ def trace(
         cloud = drawn[rng.choice(len(drawn), size=len(drawn), p=p)]
 
     def scattered_psi(n: int) -> Array:
-        """Draw psi `(n, l)` from the cloud or a normal distribution, widened by `SCATTER_WIDTH`."""
+        """Draw psi `(n, l)` from the cloud, or else a normal distribution; both are widened."""
         if cloud is None:
             return psi + SCATTER_WIDTH * rng.standard_normal((n, len(psi))) @ spread.T
         return psi + SCATTER_WIDTH * (cloud[rng.integers(len(cloud), size=n)] - psi)
@@ -211,8 +210,8 @@ def _follow(
 ) -> tuple[RidgeMap, float]:
     """Follow a ridge outwards from the maximum in stages, each guided by the previous fit.
 
-    The points of the last stage are `length` times those of `scattered_psi`.  Returns ridge and
-    error.
+    The last stage uses the points of `scattered_psi` times `length`.  Returns the ridge, and its
+    error at held-out points in standard deviations.
     """
     base = fitted.frame
     points: list[Array] = []
@@ -236,7 +235,7 @@ def _follow(
 
 
 def trace_box(surface: LogDensity, centre: Array, rng: np.random.Generator) -> TracedRidge:
-    """Return a box with a corner at `centre (D,)`, so small that most of it has finite density."""
+    """Return a box with a corner at `centre (D,)`, so small that it is mostly in the support."""
     inward = np.where(centre - surface.low < surface.high - centre, 1.0, -1.0)
     size = surface.spread
     for _ in range(MAX_SHRINKINGS):
@@ -252,10 +251,10 @@ def trace_box(surface: LogDensity, centre: Array, rng: np.random.Generator) -> T
 
 def moments(points: Array, weights: Array) -> tuple[Array, Array]:
     """Return mean and covariance root of weighted `points (N, n)`."""
-    share = weights / weights.sum()
-    centre = share @ points
+    weights = weights / weights.sum()
+    centre = weights @ points
     deviations = points - centre
-    covariance = (deviations * share[:, None]).T @ deviations
+    covariance = (deviations * weights[:, None]).T @ deviations
     floor = np.diag(1e-9 * np.diag(covariance) + 1e-12)
     return centre, np.linalg.cholesky(covariance + floor)
 
@@ -277,7 +276,7 @@ def _ridge_at_maximum(base: LocalBasis, here: QuadraticModel) -> RidgeMap:
 
 
 def _within_priors(surface: LogDensity, fitted: RidgeMap, psi: Array, stage: float) -> Array:
-    """Select n of the points `psi (4 n, l)`, and return them as `(n, l)`.
+    """Select n of the 4 n points `psi (4 n, l)`, and return them as `(n, l)`.
 
     Points at which the ridge leaves the priors are first moved towards the maximum.
     """
@@ -301,7 +300,7 @@ def _arrivals(
     """Move points to the ridge, and append the points that reach it to the `previous` points.
 
     Return psi, tau, covariance roots and log densities.  Points a little beyond the ends of the
-    priors are kept, since polynomials are least accurate at their last points.  Points of much
+    priors are kept, since polynomials are least accurate at their outermost points.  Points of much
     lower density are dropped, because they have reached another, lower maximum.
     """
     tau, roots, value, arrived = return_to_ridge(
@@ -327,9 +326,9 @@ def return_to_ridge(
 ) -> tuple[Array, Array, Array, Flags]:
     """Move points from `tau (N, t)` to the ridge at `psi (N, l)` by Gauss-Newton.
 
-    Returns `tau (N, t)`, and covariance roots `(N, t, t)` and log densities `(N,)` from before the
-    last step.  The flags `(N,)` tell which points arrived: their last step was below `tolerance`,
-    in standard deviations.
+    Returns `tau (N, t)`; covariance roots `(N, t, t)` and log densities `(N,)` before the last
+    step; and flags `(N,)` of points that arrived.  A point has arrived if its last step was shorter
+    than `tolerance`, in standard deviations.
     """
     tau = tau.copy()
     n_tight = tau.shape[1]
@@ -364,7 +363,7 @@ def covariance_roots(curvature: Array) -> Array:
     n = curvature.shape[1]
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("nii->ni", curvature), 1e-300))
     scaled = curvature * scale[:, :, None] * scale[:, None, :] + 1e-12 * np.eye(n)
-    # The Cholesky factor with rows and columns reversed, so that the root is lower triangular.
+    # Reversed rows and columns give an upper factor, whose transposed inverse is lower triangular.
     upper = np.linalg.cholesky(scaled[:, ::-1, ::-1])[:, ::-1, ::-1]
     return np.asarray(scale[:, :, None] * np.linalg.inv(upper).swapaxes(1, 2))
 
@@ -375,7 +374,7 @@ def _best_fit(
     """Fit polynomials of the degree with least error at held-out points; return ridge and error."""
     held_out = np.arange(len(psi)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     fitting = psi[~held_out], tau[~held_out], roots[~held_out]
-    # Held-out points outside the ball of the fit are ignored: polynomials do not extrapolate.
+    # Held-out points outside the ball of fitted points are ignored: polynomials do not extrapolate.
     within = held_out & ridge.fit_ridge(base, *fitting, 0, 0, bent).is_covered(psi)
     held_out = within if within.any() else held_out
     testing = psi[held_out], tau[held_out], roots[held_out]
@@ -399,8 +398,7 @@ def _best_fit(
 def _best_degree(degrees: Sequence[int], errors: Callable[[int], Array]) -> tuple[int, float]:
     """Return the degree with the least error, or the first that is good enough, and its error.
 
-    The error of a degree is a quantile, which ignores the few worst points at the ends of the
-    ridge.
+    The error is a quantile, so the few worst points at the ends of the ridge have no effect.
     """
     best, least = degrees[0], np.inf
     for degree in degrees:

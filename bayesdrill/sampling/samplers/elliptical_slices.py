@@ -1,7 +1,7 @@
 """Sample a Gaussian times a weight by elliptical slice sampling, which needs no tuning.
 
-Each step goes to a point on a random ellipse through the last point.  The range of angles is shrunk
-until the weight is above a random level (Murray, Adams and MacKay 2010).
+Each step goes to a point on a random ellipse through the current point.  The range of angles is
+shrunk until the weight is above a random level (Murray, Adams and MacKay 2010).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from bayesdrill.basics.arrays import Array, Indices
 
 MAX_SHRINKS = 60  # after more shrinks, the range is below rounding and the chain stays
 
-LogWeight = Callable[[Array, Indices], Array]  # arguments: points `(n, m)` and their chains `(n,)`
+LogWeight = Callable[[Array, Indices], Array]  # points `(n, m)`, indices of chains `(n,)` -> `(n,)`
 
 
 def elliptical_slices(

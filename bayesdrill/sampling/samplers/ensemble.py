@@ -7,7 +7,7 @@ there for about p/q steps.  So walkers with p/q above a limit also take a local 
 step, restricted to the set {p/q > limit}.  Other walkers skip this step, so p stays invariant.
 
 The other moves are stretch and differential evolution as in emcee, but vectorised: emcee 3.1.6
-loops over the walkers, which costs more here than the model.  Its snooker move is left out, because
+loops over the walkers, which costs more here than the model.  emcee's snooker move is left out, as
 its Hastings factor is wrong (a unit normal in five dimensions gets a standard deviation of 0.84).
 A new move has to pass `tests/contracts/test_moves.py`.
 """
@@ -32,16 +32,16 @@ from bayesdrill.sampling.samplers.independence import (
 )
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
-LOCAL_SHARE = 0.2  # local steps follow this fraction of moves: 1 point costs as much as 30
+LOCAL_SHARE = 0.2  # local steps follow this fraction of moves, as one point costs as much as 30 do
 MIN_LENGTH, MAX_LENGTH = 0.01, 1.0  # lengths of local steps, in component widths / sqrt(D)
 
 
 def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Array, Array]:
     """Return new points from `u (n, D)`, their log Hastings factors and their log q, `(n,)` each.
 
-    A component is drawn with the probability q_k / q, its fraction of the density at `u`.  In the
-    component's coordinates, the step is Gaussian with its shape and a log-uniform length.  The
-    Hastings factor includes q_k / q at the new point.
+    Component k is drawn with the probability q_k / q, its fraction of the density at `u`.  In its
+    coordinates, the step is Gaussian with the component's shape and a log-uniform length.  The
+    Hastings factor includes q_k / q at both points.
     """
     n, d = u.shape
     walker = np.arange(n)
@@ -149,7 +149,7 @@ class IndependenceMove:
 
 
 def step_trapped(model: Any, state: Any, proposal: Proposal, log_q: Array) -> Flags:
-    """Take a local step with each walker whose p/q is too large; `log_q (W,)` is log q."""
+    """Take a local step with each walker whose p/q is too large; all walkers have `log_q (W,)`."""
     moved = np.zeros(len(log_q), dtype=bool)
     which = np.flatnonzero(state.log_prob > proposal.trapping_log_p(log_q))
     if len(which) > 0:
@@ -202,7 +202,7 @@ MoveFactory = Callable[[Proposal | None, Inside], Move | None]
 
 
 def halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> MoveFactory:
-    """Return a factory of split-ensemble moves, along the first ridge if a proposal was learnt."""
+    """Return a factory of moves in two halves, in the coordinates of the first ridge if known."""
     return lambda learnt, _: SplitEnsembleMove(
         proposal, learnt.mixture.sheets[0] if learnt else None
     )

@@ -2,12 +2,12 @@
 
 Draws come from the proposal q and from a wider density, which shows regions where q is too small.
 
-A sheet is a ridge with its own coordinates; each component of the mixture belongs to one sheet.
+A sheet is a ridge with its own coordinates; each component of the mixture is Gaussian on one sheet.
 The sum of all components is a density over u, normalised before the prior truncates it.
 
 The proposal is learnt before the first step and never changes, so detailed balance holds exactly:
 u' drawn from q is accepted with probability min(1, p(u') q(u) / (p(u) q(u'))).  Draws outside the
-prior are drawn again without an evaluation of the model; the norm of the truncated density cancels.
+prior are drawn again without an evaluation of the model: the factor that normalises q cancels.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def effective_count(weights: Array) -> float:
 
 Inside = Callable[[Array], Flags]
 
-# Weight of draws outside the prior; with 1, nine of ten draws at a corner would be outside.
+# Weight of a draw outside the prior; with 1, nine of ten draws at a corner would be outside.
 CUT_OFF_FILL = 0.8
 VARIANCE_FLOOR = 1e-4  # fraction of a sheet's variance, added to that of each component
 LOG_2PI = float(np.log(2.0 * np.pi))
@@ -169,7 +169,7 @@ class Mixture:
         return MixtureDraws(u, jacobian, y, self.sheet[component])
 
     def coordinates(self, drawn: MixtureDraws) -> tuple[Array, Array]:
-        """Return `straightened` of this mixture's draws, which have coordinates on one sheet."""
+        """Return what `straightened` gives for draws, whose own sheet's coordinates are known."""
         y = np.repeat(drawn.y[None], len(self.sheets), axis=0)
         jacobian = np.repeat(drawn.jacobian[None], len(self.sheets), axis=0)
         for s, sheet in enumerate(self.sheets):
@@ -245,8 +245,8 @@ def fit_mixture(
 ) -> Mixture:
     """Fit a mixture to draws `u (N, D)` with `weights (N,)` by expectation-maximisation from `start`.
 
-    In each round the mixture's own draws outside the prior are added, so that the data do not
-    restrict its density there.  Components may then reach beyond an end with nonzero posterior.
+    In each round, draws of the mixture itself outside the prior are added to `u`.  Without them,
+    the mixture would be too low at ends of priors where the posterior density is not zero.
     """
     current = start
     y, jacobian = start.straightened(u)
@@ -255,9 +255,9 @@ def fit_mixture(
     for _ in range(rounds):
         drawn = current.draw(len(u), random).u
         out = ~in_support(drawn)
-        share = max(1.0 - float(out.mean()), 1.0 / len(u))
+        share_inside = max(1.0 - float(out.mean()), 1.0 / len(u))
         y_out, jacobian_out = current.straightened(drawn[out])
-        fill = np.full(int(out.sum()), CUT_OFF_FILL / (share * len(u)))
+        fill = np.full(int(out.sum()), CUT_OFF_FILL / (share_inside * len(u)))
         all_weights = np.concatenate([weights, fill])
         points = np.concatenate([y, y_out], axis=1)
         jacobians = np.concatenate([jacobian, jacobian_out], axis=1)

@@ -1,13 +1,13 @@
 """Define coordinates along a ridge, in which a posterior is nearly Gaussian.
 
-A record determines some directions well (tight) and others hardly (loose).  In a fixed basis, the
+A record determines some directions well (tight) and others badly (loose).  In a fixed basis, the
 unknowns are x = (psi, tau) with psi loose and tau tight.  The ridge t(psi) is the tau of highest
 density at psi.  The coordinates y are
 
     y = (psi, e)        tau = t(psi) + R(psi) e
 
 where R is the Cholesky factor of the covariance of tau given psi.  Polynomials in psi give t and R.
-The Jacobian determinant of x by y is that of R.
+The Jacobian determinant |dx / dy| is det R.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 
-RANGE_MARGIN = 0.25  # entries of R may leave their range at fitted points by this fraction of it
+RANGE_MARGIN = 0.25  # entries of R may exceed their range at fitted points by this fraction of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +59,9 @@ def build_monomials(n: int, degree: int) -> Monomials:
 
 @dataclass(frozen=True, slots=True)
 class LocalBasis:
-    """The fixed basis is u = centre + loose psi + tight tau, with columns `(D, l)` and `(D, t)`.
+    """The fixed basis gives u = centre + loose psi + tight tau, `loose (D, l)` and `tight (D, t)`.
 
-    `inverse (D, D)` is the inverse of the matrix of all columns.  `log_volume` is the logarithm of
-    that matrix's absolute determinant.
+    `inverse (D, D)` is the inverse of M = (loose, tight), and `log_volume` is log |det M|.
     """
 
     centre: Array
@@ -121,7 +120,7 @@ class RidgeMap:
         return self.along(psi)[0]
 
     def is_covered(self, psi: Array) -> Flags:
-        """Return whether each `psi (W, l)` lies in the ball of the fit's points: `(W,)`."""
+        """Return whether each `psi (W, l)` lies in the ball of the fitted points: `(W,)`."""
         scaled = (psi[:, self.bent] - self.psi_centre) / self.width
         return np.asarray((scaled**2).sum(axis=1) <= 1.0)
 
@@ -184,7 +183,7 @@ def fit_ridge(
     """Fit polynomials to points of a ridge: `psi (N, l)`, `tau (N, t)` and `roots (N, t, t)`.
 
     Polynomials of t have this `degree`, and those of R at most `root_degree`.  Their variables
-    are the components `bent` of psi, by default all.  `RidgeMap` explains `reach`.
+    are the components `bent` of psi, by default all.  `reach` is the `radius` of the `RidgeMap`.
     """
     bent = np.arange(psi.shape[1]) if bent is None else bent
     psi = psi[:, bent]
