@@ -60,6 +60,7 @@ def distinct_modes(
     """Return the indices of `points (n, D)` that are distinct maxima, the highest first.
 
     The first `n_known` points are known to be distinct, so they are not compared with each other.
+    A new point replaces a known one that it is joined to only if it is higher.
     """
     rank = values + np.where(np.arange(len(values)) < n_known, KNOWN_BONUS, 0.0)
     order = [int(k) for k in np.argsort(-rank, kind="stable")]
@@ -68,14 +69,14 @@ def distinct_modes(
     while remaining:
         highest, *lower = remaining
         distinct.append(highest)
-        fresh = [k for k in lower if k >= n_known]
-        if not fresh:
+        compared = [k for k in lower if k >= n_known or highest >= n_known]
+        if not compared:
             return [*distinct, *lower]
-        others = points[fresh]
+        others = points[compared]
         same = (np.abs(others - points[highest]) < SAME_MODE * surface.spread).all(axis=1)
         same[~same] = joined_by_ridge(surface, points[highest], others[~same])
         same[~same] = ~split_by_valley(surface, points[highest], others[~same])
-        dropped = {k for k, is_same in zip(fresh, same, strict=True) if is_same}
+        dropped = {k for k, is_same in zip(compared, same, strict=True) if is_same}
         remaining = [k for k in lower if k not in dropped]
     return distinct
 

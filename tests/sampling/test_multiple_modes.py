@@ -19,7 +19,12 @@ from bayesdrill.inference.priors import Uniform
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.sampling import multiple_modes
-from bayesdrill.sampling.multiple_modes import distinct_modes, joined_by_ridge, twin_starts
+from bayesdrill.sampling.multiple_modes import (
+    KNOWN_BONUS,
+    distinct_modes,
+    joined_by_ridge,
+    twin_starts,
+)
 from benchmarks.modes import collection
 
 
@@ -32,6 +37,13 @@ def test_points_of_one_long_bent_ridge_are_one_maximum(n_loose: int, n_tight: in
     between = surface.parts(points[0] + 0.5 * (points[1:] - points[0]))[1]
     assert np.linalg.norm(between, axis=1).max() > 10.0
     assert distinct_modes(surface, points, -1e-3 * np.arange(12.0)) == [0]
+
+
+@run_cases("rise, kept", [(0.0, 0), (0.5 * KNOWN_BONUS, 0), (0.01, 1)])
+def test_a_higher_new_point_replaces_the_known_one_of_its_ridge(rise: float, kept: int) -> None:
+    surface = ridged(1, 2)
+    points = surface.at(np.array([[-0.3], [0.5]]), np.zeros((2, 2)))
+    assert distinct_modes(surface, points, np.array([0.0, rise]), n_known=1) == [kept]
 
 
 @run_cases("d", [1, 2, 5])
