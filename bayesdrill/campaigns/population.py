@@ -110,6 +110,7 @@ def sample_population(
     traces: list[list[Array]] = [[] for _ in states]
     kept: list[list[GibbsState]] = [[] for _ in states]
     stride, wanted, names = 1, FIRST_CHECK, _trace_names(data, products)
+    done, progress = 0.0, 1.0 / settings.max_sweeps  # fractions: of all work, and of one sweep
     report.update(0.0, "sampling the population")
     while True:
         wanted = min(wanted, settings.max_sweeps)
@@ -121,12 +122,15 @@ def sample_population(
                 states[k] = sweep(data, states[k], spread_scale, stream)
             if len(kept[0]) > MOST_STATES:
                 kept, stride = [chain[::2] for chain in kept], 2 * stride
-            report.update(0.99 * step / wanted, "sampling the population")
+            done = max(done, min(progress * (step + 1), 0.99))
+            report.update(done, "sampling the population")
         theta = np.array(traces)[:, :, None, :]
         length = chain_length(theta)
         checked = assess(theta, names, targets, measured=length)
         if checked.converged or wanted >= settings.max_sweeps:
             break
+        reached = min(length.n_tau / targets.n_tau, float(np.min(checked.ess_bulk)) / targets.ess)
+        progress = min(reached, 1.0) / wanted
         wanted = max(length.next_check(wanted, targets.n_tau), int(1.25 * wanted))
     report.update(1.0, "")
     first, end = -(-checked.burn_in // stride), len(kept[0])

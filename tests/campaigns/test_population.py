@@ -4,8 +4,9 @@ import emcee
 import numpy as np
 import pytest
 from scipy import special, stats
+from support.reporters import Stopping
 
-from bayesdrill.basics.progress import SILENT
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.campaigns import gibbs
 from bayesdrill.campaigns.gibbs import FREEDOMS
 from bayesdrill.campaigns.mixture import describe, run_arrays
@@ -21,7 +22,7 @@ PRECISIONS = np.array([stats.gamma(nu / 2, scale=2 / nu).ppf(QUANTILES) for nu i
 LOG_PRIOR_OF_FREEDOM = 2 * np.log(FREEDOMS) - FREEDOMS / 10
 
 
-def sampled(n_products: int, ess: float) -> PopulationDraws:
+def sampled(n_products: int, ess: float, report: Reporter = SILENT) -> PopulationDraws:
     """Sample the population of four runs, whose draws under a normal interim prior spread evenly."""
     runs = []
     for r in range(4):
@@ -38,7 +39,7 @@ def sampled(n_products: int, ess: float) -> PopulationDraws:
     settings = PopulationSettings(
         spread_scale=SCALE, targets=targets, max_sweeps=30_000, draws=10**6
     )
-    return sample_population(data, names, settings, rng, SILENT)
+    return sample_population(data, names, settings, rng, report)
 
 
 def assert_same(draws: np.ndarray, mean: float, sd: float, ess: float) -> None:
@@ -52,8 +53,15 @@ def log_half_t(sd: np.ndarray) -> np.ndarray:
 
 @pytest.mark.slow
 def test_population_of_four_runs_equals_the_joint_posterior_on_a_grid() -> None:
-    """The grid has the integral over each run's true product in closed form, by precisions of the t."""
-    draws = sampled(1, 1500.0)
+    """The grid has the integral over each run's true product in closed form, by precisions of the t.
+
+    The progress that is shown begins once, and never falls.
+    """
+    fractions: list[float] = []
+    draws = sampled(1, 1500.0, Stopping(when=lambda fraction, _: fractions.append(fraction)))
+    assert fractions.count(0.0) == 1
+    assert fractions == sorted(fractions)
+    assert 0.5 < fractions[-2] < fractions[-1] == 1.0
     mu, log_sd = np.linspace(-0.4, 0.4, 161), np.linspace(np.log(1e-6), np.log(1.5), 160)
     sd = np.exp(log_sd)
     log_p = np.zeros((len(mu), len(sd), len(FREEDOMS)))
