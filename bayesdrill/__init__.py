@@ -69,7 +69,7 @@ for _name in ("OMP_NUM_THREADS", "DUCC0_NUM_THREADS"):
     if not re.fullmatch(r"\s*\+?\d{1,9}\s*", os.environ.get(_name, "1")):
         del os.environ[_name]
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = ["__version__", *public_names(__name__)]
 
