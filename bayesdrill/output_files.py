@@ -180,13 +180,13 @@ LADDER = Kind(  # models of one record, each with a posterior in its own folder
 
 
 def output_names(folder: Path, kind: Kind) -> list[str]:
-    """Return names in `folder` of files that a run of this kind writes, except its `kept_files`."""
+    """Return entries of `folder`, also links, named as files of this kind but not `kept_files`."""
     names = _names(folder, ("", *kind.folders))
     return [name for name in names if kind.is_output(name) and not _matches(name, kind.kept_files)]
 
 
 def misplaced_paths(folder: Path, kind: Kind) -> list[Issue]:
-    """Return an issue for each path where a file or folder of a run is something else."""
+    """Return an issue for each path of a run's file or folder that is something else."""
     files = dict.fromkeys((LOCK, *output_names(folder, kind)), ("a file", "which no run writes"))
     folders = dict.fromkeys(kind.folders, ("a folder", "where a run has a folder of its own"))
     return [

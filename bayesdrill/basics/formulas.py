@@ -56,7 +56,7 @@ class Expression:
 
     @property
     def positive(self) -> bool:
-        """Return whether positive names surely give a positive value; sums are not examined."""
+        """Return whether positive values of the names surely give a positive one; False for sums."""
         return _is_positive(self.tree)
 
     def renamed(self, names: Mapping[str, str]) -> Expression:

@@ -32,7 +32,7 @@ class Source:
     data: Any
     lines: Mapping[Location, int]  # line, from 1, of the key or list item at each location
     repeated: tuple[Issue, ...]  # one issue for each repeated key
-    origins: Mapping[Location, Location] = field(default_factory=dict)  # locations of moved entries
+    origins: Mapping[Location, Location] = field(default_factory=dict)  # original locations
     labels: tuple[str, ...] = ()  # labels of all experiments, if there are several
 
     def issue(self, location: Location, message: str) -> Issue:

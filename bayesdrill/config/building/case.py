@@ -28,7 +28,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalNumbers:
-    """The local numbers of an experiment are gains, offsets, lags, states, noise and torque."""
+    """The local numbers of an experiment define sensors, initial state, noise and torque."""
 
     # None stands for a prior from the record, and for a number with a mistake.
     numbers: Mapping[str, float | Prior | Unknown | None]

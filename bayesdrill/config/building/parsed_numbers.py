@@ -38,7 +38,7 @@ class ParsedNumber:
 
 
 _MAX_TRUNCATION = 5  # largest distance, in sds, of a truncated normal's mean below zero
-MIN_RELATIVE_WIDTH = 1e-9  # least (1 to 99 % range) / median; a narrower prior is a fixed value
+MIN_RELATIVE_WIDTH = 1e-9  # least (1 to 99 % range) / median; a narrower prior is refused
 
 
 def build_prior(

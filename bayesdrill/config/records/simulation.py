@@ -151,7 +151,7 @@ def simulate_one(
 
     `target` is the file of the record, by default the one that the config names. Times and measured
     inputs are read from this config's record unless `simulation:` has a duration. True values of
-    parameters come from `truth`, and of sensors from `simulation:` or the starts of the MAP search.
+    parameters come from `truth`, and of sensors from `simulation:` or the start values of priors.
     """
     _check_format(resolved, target)
     experiment = simulation_grid(resolved)

@@ -226,7 +226,7 @@ class OutputSpec(Strict):
 
     @property
     def formats_or_default(self) -> tuple[str, ...]:
-        """Return the figure formats of commands other than `posterior`, by default PDF and PNG."""
+        """Return the formats of figures outside posterior reports, by default PDF and PNG."""
         return tuple(self.formats or DEFAULT_FORMATS)
 
 

@@ -24,7 +24,7 @@ class Vocabulary:
     inputs: Mapping[str, Symbol]
     combined: Mapping[str, Symbol]  # linear combinations of states that have a name for channels
     inner: frozenset[str]  # states without an initial value in the config
-    angles: Mapping[str, Symbol]  # angles that may replace an input speed, by its name
+    angles: Mapping[str, Symbol]  # angles that may replace an input speed, by the speed's name
     optional_inputs: frozenset[str]  # inputs that are zero unless the config gives them
     inertias: tuple[str, ...]
 

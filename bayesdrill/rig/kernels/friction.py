@@ -1,6 +1,6 @@
 """Advance a rig with friction by a step in which each friction keeps slipping or sticking.
 
-In such a step the rig is linear (`FrictionMode`), and each new state is the product with a row:
+In such a step the rig is linear (`FrictionMode`), and each new state is a row times known values:
 
     x_i+ = rows[i] (x, 1, drive, sizes of varying frictions)
 

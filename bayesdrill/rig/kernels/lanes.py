@@ -67,7 +67,7 @@ def integer(number: Integer) -> ir.Value:
 _LEAST_POWER = -700.0  # lower exponents of e are raised to this: exp(-700) = 1e-304
 _ROUNDER = 1.5 * 2.0**52  # adding it leaves the nearest integer in the last bits of a number
 _PI = (math.pi, 1.2246467991473532e-16)  # pi as a double, and pi minus this double
-_SIN = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10))  # sin(x)/x by x^2
+_SIN = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10))  # sin(x)/x in x^2
 # Minimax polynomial of exp(x) for |x| < log(2)/2; its relative error is 2e-9.
 _EXP = (
     1.0000000005541665,

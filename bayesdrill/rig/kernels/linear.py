@@ -377,7 +377,7 @@ class _Walker:
         return [x for part in self.parts for x in registers[part * self.x :][: self.x]]
 
     def _completed(self, registers: Values, row: ir.Value) -> State:
-        """Return the state of `_advanced`; the trace keeps values that are advanced before slopes."""
+        """Return the state from the registers of `_advanced`; the trace keeps values for slopes."""
         if len(self.parts) < self.kind.width:
             at = self.b.offset(self.w.trace, row, self.x)
             if self.parts == VALUES:

@@ -34,7 +34,7 @@ BLOCKS = {
     "out": VECTORS,
 }
 SCRATCH = ("table", "states", "rungs", "planes", "last residuals", "trace")
-SCALES = 3  # number of a channel's weights, see `simulators.contract.whitening_scales`
+SCALES = 3  # number of scales of a channel's residuals, see `simulators.contract.whitening_scales`
 ROWS = 64  # number of samples in a chunk
 JOINED = 4  # number of samples per step with large matrices; a divisor of ROWS
 

@@ -180,7 +180,7 @@ def is_sticking(direction: Vector) -> Mask:
 
 
 def keeps_direction(direction: Vector, speed: Number) -> Mask:
-    """Return in which lanes a speed has the sign `direction`; none if the direction is zero."""
+    """Return in which lanes a speed has the sign `direction`, and this direction is not zero."""
     product = direction.b.fmul(direction.value, dual(speed).value.value)
     return Mask(direction.b, direction.b.fcmp_unordered(">", product, vector(0.0)))
 

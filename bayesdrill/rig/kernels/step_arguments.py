@@ -123,7 +123,7 @@ class SteppedShape:
 
     @property
     def long_steps(self) -> bool:
-        """Return whether long steps are exact: laws settle at high speed, nothing needs short steps."""
+        """Return whether long steps are possible: sizes settle, and nothing else needs short steps."""
         special = self.model.gravities or self.model.saturation
         if self.efforts or self.read or self.delayed_series or special:
             return False

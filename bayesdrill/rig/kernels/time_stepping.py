@@ -7,7 +7,7 @@ order in the length of a part. Each lane of a vector is one walker (a set of par
 
 Channels with sampling times of their own are interpolated. Their values and rates are stored at all
 nodes (ends of steps). Between two nodes a channel is the cubic with the values and rates at both
-nodes (Hermite). The rates are evaluated with the efforts (friction torques) of the step.
+nodes (Hermite). The rates are evaluated with the efforts (see `friction`) of the step.
 """
 
 from __future__ import annotations
@@ -507,7 +507,7 @@ def _seen_rate(w: Writer, k: int, rates: Sequence[Number]) -> Number:
 def emit_reading(w: Writer) -> None:
     """Observe all samples, each lane at its own time: store signals, or add up sums."""
     b, tally, before = w.b, w.shape.tally, w.walker_numbers("before")
-    begins = [_seen_rate(w, k, before) for k in range(w.k_count)]  # before start
+    begins = [_seen_rate(w, k, before) for k in range(w.k_count)]  # before the start
     if tally != SQUARES:
         _read_samples(w, begins, tally)
         return

@@ -22,7 +22,7 @@ from bayesdrill.basics.duals import below, exp, sin, size, where
 from bayesdrill.basics.symbols import Symbol
 
 Named = Mapping[str, NDArray[np.float64] | float]
-DIRECTION = "direction"  # key of the speed's sign among the values that a law has `seen`
+DIRECTION = "direction"  # key of the speed's sign in the argument `seen` of a law
 
 
 class Law(Protocol):

@@ -279,8 +279,8 @@ class UniformGrid:
             at = np.array([np.interp(nodes, t, u) for u in self._series]).T
             return np.concatenate([at[:-1], np.diff(at, axis=0) / self.span], axis=1)
         if self.aligned:
-            at = np.searchsorted(t, nodes[:-1] + 0.5 * self.span, side="right") - 1
-            return np.array([u[at] for u in self._series]).T
+            sample = np.searchsorted(t, nodes[:-1] + 0.5 * self.span, side="right") - 1
+            return np.array([u[sample] for u in self._series]).T
         return np.array([_means(nodes, t, u) for u in self._series]).T
 
     @property
