@@ -197,11 +197,10 @@ MAX_RELATIVE_SD = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrequencyResponse:
-    """A frequency response is that of a channel to a measured `input`, at `frequencies (F,)` [Hz].
+    """A frequency response relates a channel (SI) to an `input` (in `unit`), by `frequencies (F,)` [Hz].
 
-    The channel is in SI, and the input is shown in `unit`.  Responses `modelled (F,)` and `measured
-    (F,)` are complex.  `error (F,)` is the relative sd of `measured`, which is NaN if the input does
-    not excite the channel.
+    Responses `modelled (F,)` and `measured (F,)` are complex.  `error (F,)` is the relative sd of
+    `measured`, which is NaN if the input does not excite the channel.
     """
 
     channel: Channel

@@ -58,9 +58,8 @@ class DesignRequest:
 class TargetOutlook:
     """An outlook has relative sds of a target: `now`, and `after` each waveform.
 
-    `hidden_by` names unknowns that, scaled together with the target, leave every record unchanged (an
-    exact symmetry).  `remedies` are actions that would break this symmetry, and factors by which the
-    target's sd would fall.
+    `hidden_by` names unknowns that change no record if scaled with the target (an exact symmetry).
+    `remedies` are actions that would break it, and factors by which the target's sd would fall.
     """
 
     name: str
@@ -235,7 +234,7 @@ def _outlooks(
     posteriors: Mapping[str, Posterior],
     seed: int,
 ) -> tuple[tuple[TargetOutlook, ...], dict[str, Array]]:
-    """Return outlooks of targets, and the information of the record of each of `posteriors`."""
+    """Return outlooks of targets, and information matrices of records, by the name of a posterior."""
     slopes, after, informations = visibility.slopes, {}, {}
     for name, posterior in posteriors.items():
         rng = seeds.stream(seed, "design", 2)  # the same random numbers for all waveforms

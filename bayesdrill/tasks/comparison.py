@@ -172,7 +172,7 @@ def write(report: ComparisonReport, folder: Folder) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparedRun:
-    """A compared run has a name, the mark of its results, and a folder (None if in memory)."""
+    """A compared run has a name, the mark (digest) of its results, and a folder (None if in memory)."""
 
     name: str
     run: str

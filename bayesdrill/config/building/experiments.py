@@ -138,7 +138,7 @@ def _check_held(
             free = isinstance(experiment.config.parameters.get(name), numbers.ParameterPrior)
             without = [n for n, each in resolved.items() if name not in each.model.parameters]
             only = f"write a number or a formula here; for an unknown in each, `own: [{name}]`"
-            both = f"{name} is `own:`, and so unknown in each; remove one of the two"
+            both = f"{name} is `own:`, and so unknown in each; remove it here, or there"
             lacks = f"the rig of {' and '.join(without)} has no {name}; give it in all experiments"
             checks = ((free, only), (name in config.own, both), (without, lacks))
             if message := next((text for wrong, text in checks if wrong), ""):
@@ -210,10 +210,10 @@ def _check_shared(
             message += rig if name in model.parameters else ""
             errors.expect(location, name, known_names, message)
         elif any(isinstance(value, float) for value in values):
-            message = f"{name} is held at a value and is not unknown; remove it here"
+            message = f"{name} is fixed at a value, not unknown; remove it here"
             errors.add(location, message)
         elif len(having) == 1:
-            message = f"only {having[0]} has {name}; give it to another one, or remove it here"
+            message = f"only {having[0]} has {name}; give it in another one too, or remove it here"
             errors.add(location, message)
         elif any(value is None for value in values):
             state = name.removesuffix("_0")

@@ -130,7 +130,7 @@ def _train_of(name: str) -> str:
 
 
 def _keys_at(error: EntryError) -> list[str]:
-    """Return the keys that are allowed where an unknown key stands."""
+    """Return the keys that are allowed at the location of an unknown key."""
     *path, unknown = error["loc"]
     if "known" in error:
         return sorted(error["known"])

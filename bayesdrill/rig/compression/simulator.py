@@ -260,7 +260,7 @@ def even_record(simulator: Simulator) -> LongRecord:
 
 
 def compress(simulator: Simulator, points: Array, variances: Array, weights: Array) -> Compression:
-    """Compress a record for rigs near `points (n, P)`; the first is the reference.
+    """Compress a record for rigs near `points (n, P)`; the reference rig is at the first point.
 
     `variances (K,)` are those of the noise. `weights (K, sums)` are those of sums of squares in
     -2 log likelihood, see `Noise.square_weights`. The log likelihood may be wrong by `TOLERANCE`.

@@ -183,7 +183,7 @@ INERTIA = (
 RUBBING = (
     Row("sliding", "t_c", "N*m", "sliding friction at", (), "not negative"),
     Row("static", "t_s", "N*m", "static friction at", ("sliding", "fading"), "not negative"),
-    Row("fading", "w_s", "rad/s", "Stribeck speed of static friction at", ("sliding", "static")),
+    Row("fading", "w_s", "rad/s", "speed scale of static friction's decay at", ("sliding", "static")),
     Row("drag", "d", "N*m*s**2/rad**2", "quadratic drag at", (), "not negative"),
     Row("sliding_back", "t_c", "N*m", "backward sliding friction at", ("sliding",), "not negative",
         suffix=BACKWARD),
