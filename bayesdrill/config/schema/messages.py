@@ -76,7 +76,7 @@ def _unknown_key(error: EntryError, location: Location) -> str:
     name = str(location[-1])
     word = "symbol" if location[0] == "parameters" and len(location) == 2 else "key"
     if error["input"] is None and name.isdigit():
-        return f"unknown {word}; if these are decimals of a number, write a point before them"
+        return f"unknown {word}; if these decimals follow a decimal comma, write a decimal point"
     if "<tie>" in error["loc"]:
         return "a tied parameter has no other entries; remove this entry, or the tie"
     suggestion = did_you_mean(name, _keys_at(error))

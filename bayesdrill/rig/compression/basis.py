@@ -2,8 +2,8 @@
 
 See `basis_kernel` for the functions. Their poles are chosen for the rigs at given points. The
 functions' filters, applied to the inputs, give the columns of a matrix B = Q R. With the residuals
-r of the reference rig, the record is reduced, block by block, to the triangle R and to Q' r, whose
-sizes do not depend on the length of the record.
+r of the reference rig, the record is reduced, block by block, to the triangle R and to Q' r. The
+sizes of both do not depend on the length of the record.
 """
 
 from __future__ import annotations
