@@ -210,7 +210,7 @@ def _check_shared(
             message += rig if name in model.parameters else ""
             errors.expect(location, name, known_names, message)
         elif any(isinstance(value, float) for value in values):
-            message = f"{name} is fixed at a value, not unknown; remove it here"
+            message = f"{name} is held at a value, not unknown; remove it here"
             errors.add(location, message)
         elif len(having) == 1:
             message = f"only {having[0]} has {name}; give it in another one too, or remove it here"
