@@ -1,7 +1,7 @@
 """Rank candidate models of a bad fit by their evidence, and test the nominal table against them.
 
 An effect that is missing from the rig biases the rig's parameters, even if residuals look like noise.
-Before the nominal table is blamed, each effect that the rig offers is therefore added alone.
+Before the nominal table is blamed, each optional effect of the rig is therefore added alone.
 Parameters with a nominal value are held within its tolerance, and all others are fitted again.
 """
 
@@ -163,7 +163,7 @@ REJECTED_SHARE = 0.01  # probability of rejecting the table although the rig agr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EquivalentExplanation:
-    """A `parameter` that the rig lacks explains the record as well as deviations from the table.
+    """With an additional `parameter`, the nominal table explains the record as well as the MAP does.
 
     With this `value` [SI] all nominal values hold.  `lost` is the log likelihood of the MAP without
     the parameter, minus that of the table with the parameter; it is negative if the table fits better.

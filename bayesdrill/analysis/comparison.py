@@ -71,7 +71,7 @@ class MarginalEstimate:
 
 @dataclass(frozen=True, slots=True)
 class OverlayRow:
-    """A row compares estimates (`places`) and `nominal` values of an unknown by run, None if absent.
+    """A row has the estimate (`places`) and `nominal` value of an unknown in each run, None if absent.
 
     `distance` is |difference| / (rms of both sds) for the `pair` of means farthest apart, or None.
     """

@@ -109,7 +109,7 @@ def pressed_against(x: Array, prior: Prior) -> float | None:
     """Return the end of `prior` at which draws `(N,)` accumulate, or None.
 
     Half of the draws lie in the last `END_MASS` of the prior's mass, and their density rises towards
-    the end, both along x and relative to the prior.  A corner of the priors' box has less effect: if
+    the end, both along x and relative to the prior.  A corner of the priors' box does not suffice: if
     nine parameters share a scale, the density rises as x^8, and 37 % of draws are in the last 5 %.
     """
     if prior.vanishes_at_ends:

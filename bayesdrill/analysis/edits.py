@@ -1,4 +1,4 @@
-"""Change a posterior: add effects that the rig model offers but lacks, or change the gear ratio."""
+"""Change a posterior: add optional effects to its rig model, or change the gear ratio."""
 
 from __future__ import annotations
 
@@ -53,9 +53,10 @@ def lacks(roles: Roles) -> tuple[Lack, ...]:
 def rig_candidates(
     observations: Sequence[Observation], full: Array, *, measured: bool = False
 ) -> dict[str, float]:
-    """Return parameters that the rig offers but lacks, with upper limits, at `full (1, P)`.
+    """Return parameters of optional effects that the rig does not have yet, with upper limits.
 
-    The limits follow from simulated states or, if `measured` is true, from states in channels.
+    The limits follow from states at all parameters `full (1, P)`: simulated states or, if `measured`
+    is true, states in channels.
     """
     model = observations[0].response.model
     has, taken = {*model.parameters}, set[str]()
@@ -78,12 +79,12 @@ def rig_candidates(
 
 
 def rig_parameters(observation: Observation, full: Array) -> dict[str, float]:
-    """Return the rig's parameters by name, at all parameters `full (1, P)`."""
+    """Return the rig's parameters by name, taken from all parameters `full (1, P)`."""
     return {name: float(x[0]) for name, x in observation.rig_parameters(full).items()}
 
 
 def state_motion(observation: Observation, full: Array) -> Array:
-    """Return all states `(T, X)` at the samples, at all parameters `full (1, P)`."""
+    """Return all states `(T, X)` at the times of samples, simulated with parameters `full (1, P)`."""
     return np.asarray(observation.states(full)[0])
 
 

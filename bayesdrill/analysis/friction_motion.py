@@ -24,7 +24,7 @@ class FrictionMotion:
     """The motion at one friction is given at the samples `t (T,)`, at the MAP.
 
     At the friction, the speed is `gear` times the state's `speed (T,)`.  Its torque, force or voltage is
-    `effort (T,)`, or `efforts (N, T)` at draws.  It sticks until the next sample if `sticks (T,)`.
+    `effort (T,)`, or `efforts (N, T)` at draws.  `sticks (T,)` flags sticking until the next sample.
     """
 
     friction: Friction
@@ -121,7 +121,7 @@ def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Arra
 
 
 def _law_inputs(rig: Simulator, friction: Friction, arguments: Array) -> dict[str, Array]:
-    """Return the rms of each input of the law, and of the difference of its two angles, if any."""
+    """Return the rms of each input of the law and, if the law has two angles, of their difference."""
     states, experiment, sensing = rig.model.states, rig.experiment, rig.sensing
 
     def sensor_value(names: Mapping[str, str], name: str, default: float) -> float:

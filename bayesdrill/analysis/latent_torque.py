@@ -176,7 +176,7 @@ def _nonlinear_error(
 ) -> Array:
     """Return the rms error `(K,)` of a `linear (T, K)` prediction, in sds of noise; NaN if exact.
 
-    The linear prediction for `torque (T,)` keeps the sign of friction, and has springs for pendulums.
+    The prediction for `torque (T,)` assumes that friction keeps its sign, and pendulums are springs.
     """
     response, experiment = observation.response, observation.experiment
     assert observation.torque is not None  # the caller estimates it

@@ -4,7 +4,7 @@ The probability integral transform (PIT) of a sample is the predicted probabilit
 If model and noise are right, PITs are uniform.  A sample that helps to predict itself would be
 predicted too well, so each PIT refers to the posterior without that sample: draws are weighted by the
 sample's inverse density, with weights of at most their mean times sqrt(n_draws) (Ionides 2008).
-Pareto smoothing fails for samples at which all draws agree, such as the first of a rig at rest.
+Weights are not Pareto-smoothed, which fails if all draws agree (as at the first sample at rest).
 """
 
 from __future__ import annotations
@@ -190,17 +190,17 @@ def _thinned(theta: Array) -> Array:
 
 SEGMENTS = 8  # number of segments of Welch's method, with an overlap of one half
 SMOOTHED_FREQUENCIES = 7  # number of frequencies over which the spectrum of noise is averaged
-MIN_SAMPLED_SHARE = 0.9  # smallest fraction of measured samples; other residuals count as zero
+MIN_SAMPLED_SHARE = 0.9  # smallest fraction of measured samples; missing residuals count as zero
 # Sd of a response divided by its magnitude, above which the input does not excite the channel.
 MAX_RELATIVE_SD = 0.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrequencyResponse:
-    """A channel, SI, responds to a measured `input`, shown in `unit`, at `frequencies (F,)` [Hz].
+    """A frequency response relates a channel (SI) to an `input` (in `unit`), by `frequencies (F,)` [Hz].
 
     Responses `modelled (F,)` and `measured (F,)` are complex.  `error (F,)` is the relative sd of
-    `measured`.  Measured values are NaN if the input does not excite the channel.
+    `measured`, which is NaN if the input does not excite the channel.
     """
 
     channel: Channel

@@ -23,7 +23,7 @@ FALLING_CORRELATION = -0.5  # correlation below which the speed falls while the 
 ONE_WAY_SHARE = 0.98  # smallest fraction of samples on one side of zero if a rig turns one way
 MAX_PERIOD = 20  # largest number of rows between two measured values of a slower sensor
 MIN_HELD_SHARE = 0.9  # smallest fraction of runs of equal values that have the typical length
-MIN_STEP_DIGITS = 3.0  # smallest typical step in last digits, as a slow angle changes by one digit
+MIN_STEP_DIGITS = 3.0  # least typical step, in last digits; a slow angle changes by one digit
 
 
 def findings_of_record(

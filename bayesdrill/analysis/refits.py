@@ -22,7 +22,7 @@ from bayesdrill.sampling.gauss_newton import gauss_newton, newton_gain
 # New unknowns start at these six quantiles of their priors.  With the known maximum and the start of
 # the config, these are eight points, which are simulated together in the time of one point.
 START_QUANTILES = (0.58, 0.05, 0.42, 0.2, 0.8, 0.65)
-FEW_STARTS = 3  # number of further starts, if a refit with only the last change is known
+FEW_STARTS = 3  # number of further starts, if a model with only the newest change has been fitted
 ROTATION = 2  # cyclic shift of the quantiles from one unknown to the next
 FIRST_STEPS, LAST_STEPS = 4, 30  # numbers of Gauss-Newton steps from all starts, and from the best
 CLIMBED_STARTS = 8  # number of best starts from which the last steps are taken
@@ -110,11 +110,12 @@ def refit_candidate(
 ) -> RefitMaximum | None:
     """Return the maximum of a candidate's `posterior`, or None without a finite response.
 
-    Searches start from the values `initial`, from the maximum `single` with only the last change, and
-    from `starts`.  Without `single` and `starts`, they also start at quantiles of new unknowns' priors.
-    A search stops if its next step promises less than the log density `threshold`.  It also stops if
-    it is too slow to come near `threshold` and to reach the log evidence `rival`.  With a maximum
-    `single`, no search begins if steps like the first one from `initial` would not reach `rival`.
+    Searches start from the values `initial`, from `starts`, and from `single`, the maximum of the model
+    that has only the candidate's newest change.  Without `single` and `starts`, they also start at
+    quantiles of new unknowns' priors.  A search stops if its next step promises less than the log
+    density `threshold`.  It also stops if steps with the present gain would end far below `threshold`,
+    or below `rival`, the log evidence of another candidate.  With a maximum `single`, no search begins
+    if steps like the first one from `initial` would not reach `rival`.
 
     The log evidence is that of a Gaussian with the curvature at the maximum (MacKay 2003, ch. 27).
     Priors count in it as Gaussians with their spreads, so that an undetermined direction costs each
@@ -277,7 +278,7 @@ def _hidden(
     """Return the log density of samples of `records` that a candidate leaves out, and sums of squares.
 
     Densities refer to the numbers in the file, so that a change of a column's unit has no advantage.
-    Samples at the beginning may show a rig that is held: one value with the noise at `theta (D,)`.
+    Omitted samples at the beginning may be of a rig at rest: a constant with the noise at `theta (D,)`.
     The squares are sums of squared deviations from the mean, of kept, omitted and all samples of each
     experiment and channel.
     """
@@ -311,7 +312,7 @@ def _hidden(
 
 
 def _with_hidden(row: ResidualSummary, squares: Array | None) -> ResidualSummary:
-    """Return the row with its three ratios for all samples; those left out count as unexplained."""
+    """Return the row with `share`, `simulated`, `ahead` for all samples; omitted are unexplained."""
     if squares is None:
         return row
     kept, hidden, total = squares.tolist()

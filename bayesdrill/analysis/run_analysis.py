@@ -150,7 +150,7 @@ class RunAnalysis:
     judged: identifiability, and the verdict if there is a table [SI, sigma, natural logs]
     repeats: products of unknowns, estimated from each of several experiments [natural logs]
     causes: possible causes of a fit that leaves more than noise [SI]
-    instead: parameter that the rig may lack, if the nominal table would be blamed [SI]
+    instead: missing parameter with which the nominal table would explain the record [SI]
     derived: summary of derived quantities [its own unit, SI]
     meanings: meanings of derived quantities, by name
     convergence: agreement of the ensembles [steps, draws]

@@ -40,7 +40,7 @@ FACTORS = (
 )
 NEAR_FACTOR = 0.05  # tolerance of the log of a factor between two columns
 NEAR_START_FACTOR = 0.2  # the same tolerance for a channel and its prediction at the start values
-# Limit of measured / predicted size at the start, or of its inverse; then the factor of a wrong prefix.
+# Largest plausible ratio of measured and predicted size at the start; factor of a wrong prefix.
 FAR_FROM_START, PREFIX = 20.0, 1000.0
 NEAR_MISFIT = 0.02  # (rms of residuals / rms of channel)^2, below which a prediction is near
 # Largest sd of a prior's log (two decades), as the middle of a wider prior predicts nothing.

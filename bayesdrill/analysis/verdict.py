@@ -282,7 +282,7 @@ def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponent
 class _TableComparison:
     """Logs of draw / nominal value are compared with `limits (m, 2)` of tolerances.
 
-    Flags mark draws pressed against an end, `at_end (m,)`, or cut off at the table, `at_nominal (m,)`.
+    Flags `(m,)`: draws are pressed against a prior's end (`at_end`), or cut off near the table's value.
     """
 
     study: IdentifiabilityStudy

@@ -82,7 +82,7 @@ def concluded(
     for run in population.runs:
         if run.outlier:
             known = [*filter(None, [reasons.get(run.name), *misfit.get(run.name, ())])]
-            sentence = f"{run.name} is {run.sds:.3g} sds off in {run.worst}"
+            sentence = f"{run.name} is {run.sds:.3g} sds from other runs in {run.worst}"
             sentence = "; ".join([sentence, *known[:1]])
             alarms.append(Alarm(kind="outlier", run=run.name, sentence=sentence))
     foreign = [alarm.run for alarm in alarms]

@@ -28,7 +28,7 @@ from bayesdrill.sampling.convergence import Convergence
 MIN_RUNS = 3  # fewer runs hardly determine their spread
 MIN_TIMED_RUNS = 8  # with fewer different times, drifts and changes are not searched
 MAX_ERROR = 0.05  # largest acceptable `RunMixture.error`, a difference of probabilities
-NOTED_PRECISION = 0.1  # prior precision of coefficients of noted columns, relative to Sigma^-1
+NOTED_PRECISION = 0.1  # prior precision of covariates' coefficients, relative to Sigma^-1
 MAD_TO_SD = 1.4826  # sd of a normal distribution divided by its median absolute deviation
 SUSPICIOUS = 4.0  # a run this many sds from the median of its rig may be foreign
 ALARM = 0.05  # an alarm is raised if the probability of a constant level is smaller
@@ -206,7 +206,7 @@ def _contaminated(mixtures: Sequence[RunMixture], rig: Indices) -> list[RunMixtu
 
 
 def _noted(draws: CampaignDraws) -> tuple[Array, dict[str, int], tuple[str, ...]]:
-    """Return standardised noted columns, numbers of missing values, and ignored columns."""
+    """Return standardised covariates (noted columns), numbers of missing values, and ignored columns."""
     columns, missing, ignored = [], {}, []
     for name in draws.noted:
         x = np.array([run.noted.get(name, np.nan) for run in draws.runs])
@@ -231,7 +231,7 @@ def _order_of_time(draws: CampaignDraws) -> Indices:
 def _histories(
     draws: CampaignDraws, data: RunArrays, noted: Array, order: Indices
 ) -> tuple[LevelHistory, ...]:
-    """Return the history of each log product, with rigs and noted columns as regressors."""
+    """Return the history of each log product, with rigs and covariates as regressors."""
     if len(order) == 0:
         return ()
     mean, covariance = data.mean, data.covariance

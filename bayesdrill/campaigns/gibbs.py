@@ -1,8 +1,9 @@
 """Update the population of a campaign by its conditional distributions (Gibbs sampling).
 
-A t distribution is a normal distribution whose precision has a gamma distribution.  For each run, a
-mixture component and this precision are drawn first, with the run's log products integrated out.
-Given both, coefficients and levels are normal; given these, too, the log products are normal.
+The likelihood of a run in logs of products of parameters is a mixture of normal distributions.
+Runs follow a t distribution: a normal distribution whose precision has a gamma distribution.  For
+each run, a mixture component and this precision are drawn first, with log products integrated out.
+Given both, coefficients of covariates and levels of rigs are normal; given these, too, log products.
 Covariances have the prior of Huang and Wand (2013): half-t standard deviations and uniform
 correlations.  A missing covariate is an unknown with a standard normal prior.
 """
@@ -24,7 +25,7 @@ BATCH = 1 << 19  # approximate number of elements of a temporary array
 RIG_UPDATES = 8  # number of updates of the rigs' mean and covariance in each sweep
 PRECISION_NODES = 24  # number of quadrature nodes for the precision of a run
 CUT_MASS = 1e-9  # probability of a precision below the first node, and above the last
-LEAST_STEP, MOST_STEP = 0.05, 2.0  # bounds of the random sd of a Metropolis step of a log spread
+LEAST_STEP, MOST_STEP = 0.05, 2.0  # range of the drawn sd of a Metropolis step in a log spread
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -266,7 +267,7 @@ def _update_coefficients(
 
 
 def _normal(precision: Array, moment: Array, rng: np.random.Generator) -> Array:
-    """Draw from normal distributions with `precision (..., n, n)` and `moment` precision @ mean."""
+    """Draw from normal distributions, given `precision (..., n, n)` and `moment` = precision @ mean."""
     root = np.linalg.cholesky(precision)
     half = np.linalg.solve(root, moment[..., None]) + rng.standard_normal((*moment.shape, 1))
     return np.asarray(np.linalg.solve(np.swapaxes(root, -1, -2), half)[..., 0])

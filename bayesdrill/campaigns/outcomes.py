@@ -124,7 +124,7 @@ class RunOutcome:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NotedEffect:
-    """A noted column explains a part of the variation of a log product.
+    """A noted column (a covariate) explains a part of the variation of a log product.
 
     column: name of the column
     product: name of the product

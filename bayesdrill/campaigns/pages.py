@@ -43,7 +43,7 @@ PAGE_FORM = 1  # version of the JSON file that accompanies a page
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunPage:
-    """A page shows a run whose draws had this `mark`; `reason` explains the deviation of the run.
+    """A page shows a run: `mark` identifies its draws, and `reason` explains why it deviates.
 
     The reason is empty if the run belongs to the population and its model fits.
     """

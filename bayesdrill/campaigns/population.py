@@ -25,7 +25,7 @@ from bayesdrill.campaigns.gibbs import GibbsState, choose, start, sweep
 from bayesdrill.campaigns.mixture import RunArrays
 from bayesdrill.sampling.convergence import Convergence, Targets, assess, chain_length
 
-CENTRAL = float(scipy.special.ndtr(1.0))  # standard normal distribution function at 1
+CENTRAL = float(scipy.special.ndtr(1.0))  # probability below the upper end of the central 68 %
 FIRST_CHECK = 800  # number of sweeps before the first check of convergence
 NO_SPREAD = 1e-3  # added to sds whose logarithms are checked, as smaller sds need not converge
 MOST_STATES = 2000  # largest number of stored states of a chain; beyond it, every other is dropped

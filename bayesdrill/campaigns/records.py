@@ -34,7 +34,7 @@ FACTOR_TOLERANCE = 0.05  # largest relative deviation from such a ratio that is 
 
 @dataclass(frozen=True, slots=True)
 class KnownRecord:
-    """A record whose file had this `stamp` has a digest, unknowns, and sds of its channels."""
+    """A known record has the `stamp_of` its file, a digest, its unknowns, and sds of its channels."""
 
     stamp: tuple[int, ...]
     digest: str

@@ -26,7 +26,7 @@ from bayesdrill.report.sections import causes as causes_section
 
 
 def level_cells(head: str, sd_head: str, mean: float, sd: float) -> dict[str, str]:
-    """Return cells with a level and its standard deviation, both of which are logarithms."""
+    """Return cells with a level and its sd in percent; `mean` and `sd` are those of its log."""
     return {head: f"{np.exp(mean):.4g}", sd_head: f"{100 * sd:.2g} %"}
 
 
@@ -42,7 +42,7 @@ def _tolerance(nominal: NominalRange) -> str:
 
 
 def products_table(population: PopulationFit) -> Table:
-    """Return the table of products, with population, next run and nominal value."""
+    """Return the table of products of parameters: population, next run and nominal value of each."""
 
     def cells(p: ProductPopulation) -> dict[str, str]:
         table = p.table
@@ -63,7 +63,7 @@ def products_table(population: PopulationFit) -> Table:
 
 
 def noted_table(population: PopulationFit) -> Table | None:
-    """Return the table of noted columns, with the fraction of variance that a column explains."""
+    """Return the table of noted columns (covariates), with the part of variance that each explains."""
     lines = [
         {
             "column": effect.column,
@@ -88,10 +88,10 @@ def rigs_table(population: PopulationFit) -> Table | None:
 
 
 TABLE_EXPLAINED = (
-    "All in SI. `centre` is the level of the rig at the end of the campaign, at the means of noted "
-    "columns. `runs differ by` is half the width of the central 68 % of runs. The next run lies in its "
-    "interval with a probability of 90 %. A nominal value agrees if more than 5 % of runs lie at "
-    "least as far from the centre as the nearest value within its tolerance."
+    "All in SI. `centre` is the level of the rig at the end of the campaign, for average values of "
+    "noted columns. `runs differ by` is half the width of the central 68 % of runs. The next run lies "
+    "in its interval with a probability of 90 %. Take the value within the tolerance that is nearest to "
+    "the centre: the nominal value agrees if more than 5 % of runs lie at least as far from the centre."
 )
 CHART = (
     "Each run by itself (bars: one standard deviation) and shrunk towards the others (dots), relative "
@@ -174,7 +174,7 @@ def run_sections(
         | level_cells("in the population", "+- there", shrunk, shrunk_sd)
         for product, alone, alone_sd, shrunk, shrunk_sd in zip(products, *numbers, strict=True)
     )
-    text = f"It is {outcome.sds:.3g} sds from the other runs in {outcome.worst}."
+    text = f"In {outcome.worst}, this run is {outcome.sds:.3g} sds from the other runs."
     text += f"\nIts likely reason: {reason}." if reason else ""
     sections = (
         build("In the campaign", text, table_of(lines, "")),
@@ -186,7 +186,7 @@ def run_sections(
 def likely_reason(outcome: RunOutcome, causes: Causes | None) -> str:
     """Return the likely reason why a run is an outlier or does not fit; empty if neither."""
     if causes is None:
-        alone = "its record fits by itself, so the rig or its state differed"
+        alone = "the model fits its record, so the rig or its state differed from other runs"
         return alone if outcome.outlier else ""
     if causes.best is None:
         return "nothing that was tried explains its record"

@@ -60,7 +60,7 @@ def run_campaign(
 
     A page is made for each run that `asked` names; the name `OUTLIERS` stands for all outliers.
 
-    `cached_records` caches records that were read.  If given, bad records raise no error.
+    `cached_records` caches records that were read; if it is given, bad records raise no error.
     """
     _need_parquet(plan)
     names = [run.name for run in plan.runs]
@@ -103,7 +103,7 @@ def _need_parquet(plan: CampaignPlan) -> None:
 
 
 def _marks(plan: CampaignPlan) -> dict[str, str]:
-    """Return by name the inputs that all runs share; these must not change, but the runs may."""
+    """Return by name the inputs that all runs share; they must not change, unlike the list of runs."""
     base = digest_of(repr(plan.base.data))
     versions = {f"{VERSION_OF}{name}": x for name, x in software.installed_versions().items()}
     settings = {"the seed": str(plan.spec.seed), "effort": str(plan.spec.effort)}

@@ -2,7 +2,7 @@
 
 The estimate of run i, in order of time, is y_i = h_i' b + level_i + e_i.  The error e_i is normal
 with the variance s^2 + c_i; s is the spread of runs, and c_i the variance due to the record.
-Coefficients b of regressors h (rigs and noted columns) have wide normal priors.  Four descriptions
+Coefficients b of regressors h (rigs and covariates) have wide normal priors.  Four descriptions
 of the level are compared by evidence, summed over grids of s, of the moment of a change, and of q:
 
     constant   level = 0
@@ -44,7 +44,7 @@ NEIGHBOURS = 4  # number of runs in the medians before and after a run, see `_se
 MAD_FACTOR = 2.0  # sd of normal runs divided by the median of `deviation` in `_series`
 FOREIGN = 0.03  # prior probability that a run is foreign
 FOREIGN_SD = 0.2  # additional prior sd of a foreign run about the level, in logs
-SUBSETS_OF = 3  # All subsets of this many farthest runs are tried; larger sets have the k farthest.
+SUBSETS_OF = 3  # all subsets of the 3 farthest runs are tried; a larger set has the k farthest runs
 MOST_FOREIGN = 0.3  # largest fraction of runs that may be foreign
 # A set of foreign runs is dropped if its probability / the largest is smaller in each description.
 NEGLIGIBLE = 1e-2
@@ -245,7 +245,7 @@ def _series(t: Array, y: Array, c: Array, h: Array) -> _Series:
 
 
 def _foreign_sets(deviation: Array) -> Array:
-    """Return masks `(n, R)` of sets of runs that may be foreign, those of largest `deviation`."""
+    """Return masks `(n, R)` of n sets of runs that may be foreign, as their `deviation` is largest."""
     n_runs = len(deviation)
     rank = np.argsort(np.argsort(-deviation, kind="stable"))
     most = int(MOST_FOREIGN * n_runs)

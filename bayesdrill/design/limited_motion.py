@@ -119,7 +119,7 @@ class LimitPenalty:
     """For a linear rig, the penalty sums squared excesses over limits at draws `theta (W, D)`.
 
     States are linear in the levels, so the integral of a power [W] is a quadratic form.  Limits
-    without an integral are checked at some instants of each hold interval, most near its beginning.
+    without an integral are checked at some instants of each hold interval, mostly near its start.
     """
 
     def __init__(self, check: LimitCheck, theta: Array) -> None:

@@ -3,7 +3,8 @@
 In directions that a record does not determine, the posterior keeps the priors and their bounds.
 Near a draw, the likelihood is approximated by a Gaussian on natural scales (logs of positive
 unknowns; other unknowns / scale).  Its product with the priors is sampled by elliptical slices
-(Murray, Adams and MacKay 2010).  A Gauss-Newton step moves some samples to the likelihood's ridge.
+(Murray, Adams and MacKay 2010).  A Gauss-Newton step moves some samples to the curved ridge of the
+exact likelihood; the change of their spread corrects the sds.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ SIMULATED = 256  # number of samples that are moved to the ridge, divided among 
 def promise(
     posterior: Posterior, knowledge: PresentKnowledge, slopes: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return relative sds `(k,)` of targets with `slopes (W, k, m)` after `posterior`'s record.
+    """Return relative sds `(k,)` of targets after the record of `posterior`, as means over draws.
 
-    The sds are geometric means over draws.  The second result is the information `(W, m, m)` of the
-    record at each draw.
+    `slopes (W, k, m)` are derivatives of k log targets by m unknowns, at each of W draws.  The means
+    are geometric.  The second result is the information `(W, m, m)` of the record at each draw.
     """
     study, space, draws = SensitivityStudy(posterior.likelihood), posterior.space, knowledge.draws
     rows = [study.with_nuisances(theta) for theta in draws]

@@ -41,7 +41,7 @@ BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignRequest:
-    """A request names its targets in `learn`; empty means all products that can be determined.
+    """A request names targets in `learn` (if empty, all products of parameters that can be learnt).
 
     `family` is one of `waveforms.FAMILIES`, or `FREE`.  `experiments` is the number of experiments.
     """
@@ -58,8 +58,8 @@ class DesignRequest:
 class TargetOutlook:
     """An outlook has relative sds of a target: `now`, and `after` each waveform.
 
-    `hidden_by` names unknowns that an exact symmetry scales together with the target.  `remedies`
-    are actions that would break this symmetry, and factors by which the target's sd would fall.
+    `hidden_by` names unknowns that change no record if scaled with the target (an exact symmetry).
+    `remedies` are actions that would break it, and factors by which the target's sd would fall.
     """
 
     name: str
@@ -234,7 +234,7 @@ def _outlooks(
     posteriors: Mapping[str, Posterior],
     seed: int,
 ) -> tuple[tuple[TargetOutlook, ...], dict[str, Array]]:
-    """Return outlooks of targets, and information matrices, after the records of `posteriors`."""
+    """Return outlooks of targets, and information matrices of records, by the name of a posterior."""
     slopes, after, informations = visibility.slopes, {}, {}
     for name, posterior in posteriors.items():
         rng = seeds.stream(seed, "design", 2)  # the same random numbers for all waveforms

@@ -88,7 +88,7 @@ _GREEK = str.maketrans({"θ": "theta ", "φ": "phi ", "ϕ": "phi ", "ω": "omega
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """The meaning of a column is read from its header; a field is empty if the header lacks it."""
+    """The meaning of a column is read from its header; a field that it does not give is empty."""
 
     kind: str = ""
     location: str = ""
@@ -423,7 +423,7 @@ def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None
 
 
 def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -> None:
-    """Raise `InputError` if several structures have a time, and names that are not those of signals."""
+    """Raise `InputError` if several structures are records: with a time, and not named like a signal."""
     columns = [column for column in columns if len(column.values) >= MIN_SAMPLES]
     times = dict.fromkeys(_structure(c) for c in columns if c.meaning.kind == "time")
     records = [name for name in times if name and parse_head(name).kind in ("", "time")]

@@ -20,8 +20,8 @@ from bayesdrill.record.regression import integral, linear_fit
 
 TYPICAL_RATE = 300.0  # Hz; the geometric centre of usual sampling rates
 GIVEN_REASON = "as `--columns` says"
-REVERSAL_RATIO, CLEAR_REVERSAL_RATIO = 0.1, 0.3  # smaller / larger extent about zero
-MAX_DEAD_SAMPLES, N_PAST, MAX_ROWS = 10, 3, 20_000  # largest delay; past samples; rows to use
+REVERSAL_RATIO, CLEAR_REVERSAL_RATIO = 0.1, 0.3  # least (smaller / larger) extent for a reversal
+MAX_DEAD_SAMPLES, N_PAST, MAX_ROWS = 10, 3, 20_000  # largest delay; fitted past samples; most rows
 STRIDES, MIN_BLOCKS = (1, 2, 4, 8), 100  # samples per block mean, least number of blocks
 MAX_RESIDUAL_RATIO = 0.64  # largest ratio of residual variances with and without a delay
 

@@ -124,7 +124,7 @@ def points_about(posterior: Posterior, maxima: Array) -> Array:
 def compressions(
     posterior: Posterior, points: Array, max_exact: int = COMPRESSED_FROM, *, strict: bool = False
 ) -> dict[str, Compression]:
-    """Compress long records for parameters at `points (n, D)`; the first point is the reference.
+    """Compress long records for rigs near `points (n, D)`; the reference rig is at the first.
 
     Records that cannot be compressed are left out, or raise `CompressionError` if `strict`.
     """

@@ -36,7 +36,7 @@ MAX_STEPS_PER_SAMPLE = 4  # a record with more steps of its time grid per sample
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualLimits:
-    """Noise alone keeps rms / sigma from `least` to `most`, and the other two below their limits."""
+    """Noise alone keeps rms / sigma from `least` to `most`; others limit correlation and outliers."""
 
     least: float
     most: float

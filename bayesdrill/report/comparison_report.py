@@ -77,7 +77,7 @@ COMPARED = Form(
 
 @dataclass(frozen=True)
 class ComparisonReport:
-    """The report shows two or more runs, `layers`, and compares them as `models` of one record.
+    """The report shows `layers`, posteriors of runs, and compares them as `models` of one record.
 
     If `models` is empty, the runs are overlaid. Values are in `units`; `heading` titles the page.
     """

@@ -32,8 +32,8 @@ NEIGHBOURS = "neighbours predict a sample that is left out"
 # The keys are kinds of findings; `_phrases` makes the phrases that only some findings need.
 SENTENCES: Mapping[str, str] = {
     "unlikely nominal value": (
-        "the nominal value {value:.4g} of {name} is far outside its prior: only {percent:g} % of the "
-        "prior is not between {low:.4g} and {high:.4g}. The value, the prior or a unit is wrong"
+        "the nominal value {value:.4g} of {name} is far outside its prior, of which all but "
+        "{percent:g} % is between {low:.4g} and {high:.4g}. The value, the prior or a unit is wrong"
     ),
     "states without roles": (
         "roles: {model} gives no role to {states}. Friction, energy and missing torques are "
@@ -68,7 +68,7 @@ SENTENCES: Mapping[str, str] = {
     + "The record cannot show this ratio: it is what the priors and the fixed values allow",
     "geometry": (
         "geometry: {name} = {value:.4g} {unit} is {percent:+.0f} % off what the paper's dimensions "
-        "give; {part} {expected:.3g} {unit}"
+        "give: {part} {expected:.3g} {unit}"
     ),
     "unstable pole": (
         "stability: a pole lies in the right half plane{draws}, with a real part of up to {pole:.3g} "

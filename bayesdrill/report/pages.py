@@ -98,12 +98,12 @@ def legend_above(figure: Figure, looks: Mapping[str, style.Look], **options: Any
 
 
 def departures(band: RankBand, ranks: Counts) -> Array:
-    """Return differences to the uniform CDF `(3, L + 2)`: of the band edges and the ranks' ECDF."""
+    """Return band edges (low, high) and ECDF of the ranks, minus the uniform CDF: `(3, L + 2)`."""
     counts = np.stack([band.low, band.high, band.count_below(ranks)])
     return np.pad(counts / max(band.n, 1) - band.shares, ((0, 0), (1, 1)))
 
 
-# Upper limit and -1 * lower limit of a panel, relative to the largest difference; names are on top.
+# Upper limit and -1 * lower limit of a panel / largest difference; the panel's name is on top.
 HEAD_ROOM, FOOT_ROOM = 1.7, 1.12
 
 
@@ -116,7 +116,7 @@ def ranks_panel(
     numbers: int = 5,
     look: style.Look = style.CHANCE,
 ) -> None:
-    """Draw `away` from `departures`, up to `limit`; a text `wrong` marks ranks outside the band."""
+    """Draw `away`, the result of `departures`, up to `limit`; `wrong` says that ranks leave the band."""
     places, (low, high, ranks) = np.pad(band.shares, 1, constant_values=(0, 1)), away
     difference_panel(panel, places, (low, high), limit, numbers, look)
     panel.plot(places, ranks, zorder=2, **(style.OUTSIDE if wrong else style.BLACK_LINE))
@@ -132,7 +132,7 @@ def difference_panel(
     numbers: int = 5,
     look: style.Look = style.CHANCE,
 ) -> None:
-    """Draw a line at zero, and the `band` of chance at `levels (S,)`; differences reach `limit`."""
+    """Draw the zero line and the `band` of chance at `levels (S,)`; the axis shows up to `limit`."""
     panel.fill_between(levels, *band, zorder=0, **look)
     panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
     panel.set_xlim(0, 1)
@@ -150,7 +150,7 @@ CENTRAL_SHARE = 0.999  # fraction of the draws that an axis shows
 # Above this correlation, bins are sheared, and the density is not reflected at priors' ends.
 MIN_SHEARED_CORRELATION = 0.9
 BANDWIDTH_FACTOR = 1.3  # relative to Scott's rule, which suits normal distributions but not boxes
-# Smallest change of density per bandwidth [sds of its noise] at a drawn contour; noise gives 0.8.
+# A contour needs a larger change of density per bandwidth [sds of its noise]; noise alone has 0.8.
 MIN_SLOPE_SDS = 2.0
 CONTOUR = {"colors": style.BLACK}
 INNER_GREY, OUTER_GREY = "0.68", "0.85"  # greys inside the inner and the outer contour

@@ -35,7 +35,7 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF, Folder, mark
 from bayesdrill.rig.models.linear import Model, constants
 
-RUN_MARK = "Run"  # key of the run's mark in the metadata of a file
+RUN_MARK = "Run"  # key of the run's mark (a digest) in the metadata of a file
 # Entries of `map:` that no longer exist. Every fingerprint lists these entries as not given, so
 # that runs of earlier versions can be continued.
 FORMER_ENTRIES = ("map.pairs", "map.iterations", "map.steady")

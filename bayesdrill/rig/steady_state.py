@@ -76,8 +76,8 @@ def equilibrium(matrix: Array, forcing: Array) -> Array:
 def states(matrix: Any, forcing: Any, angles: Sequence[int], turn: Array | None) -> Any:
     """Return the steady state `(n, X)`; its first angle is zero if the rig turns freely.
 
-    `turn` is the result of `free_turn` for the matrix. Matrix and forcing may both be `Dual`: the
-    derivative of A x = -f is A x_dot = -(f_dot + A_dot x), which gives the slope of the state.
+    `turn` is the result of `free_turn` for the matrix. Matrix and forcing may both be `Dual`: with
+    a derivative ' by a parameter, A x = -f gives A x' = -(f' + A' x), and so the slope x'.
     """
     if isinstance(matrix, Dual):
         here = states(matrix.value, forcing.value, angles, turn)

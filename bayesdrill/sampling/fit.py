@@ -187,7 +187,7 @@ def sample_maxima(
 ) -> SamplingResult:
     """Sample ensembles about all maxima of `mode`.
 
-    The pool already has the steps `mode.pieces`.  Raises `NoSupportError` if no walker can start.
+    Workers already use the step sizes `mode.pieces`.  Raises `NoSupportError` if no walker can start.
     """
     compress_about(pool, mode, plan.max_exact)
     maxima = mode_search.modes(pool.posterior, mode)

@@ -93,7 +93,7 @@ class CandidateModels(Setting):
         return self.rungs(filter(self.possible, wanted))
 
     def without_each(self, names: tuple[str, ...]) -> list[CandidateModel]:
-        """Return candidates with a change omitted, or replaced by one that sets some of its entries."""
+        """Return candidates with a change omitted, or replaced by one of only some of its entries."""
         subsets = [*itertools.combinations(names, len(names) - 1)][::-1]
         for name, other in itertools.product(names, self.changes.values()):
             if other.decides < self.changes[name].decides:

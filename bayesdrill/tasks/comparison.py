@@ -84,7 +84,7 @@ def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
 
 
 def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
-    """Return each unknown's unit from the first job that gives one; SI if their SI units differ."""
+    """Return each unknown's unit from the first job that gives one; SI if the jobs' SI units differ."""
     units, kinds = dict[str, Unit](), dict[str, set[str]]()
     for job in jobs:
         units = {**job.problem.units.units, **units}
@@ -172,7 +172,7 @@ def write(report: ComparisonReport, folder: Folder) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparedRun:
-    """A compared run has a name, the mark of its results, and a folder (None if in memory)."""
+    """A compared run has a name, the mark (digest) of its results, and a folder (None if in memory)."""
 
     name: str
     run: str
@@ -181,7 +181,7 @@ class ComparedRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparisonRecord:
-    """The `run.json` of a finished comparison, an overlay or a ladder has these fields.
+    """The `run.json` of a finished comparison, an overlay or a ladder of models has these fields.
 
     `reasons` say why the result must not be believed.  Overlays leave the last four fields empty.
     """

@@ -43,7 +43,7 @@ class ExportedNumber:
 class SimulatorModel:
     """A simulator model describes a rig by joints, springs and drives.
 
-    `joints` maps the state of a speed to the joint's name.  `springs` maps a spring to its ends:
+    `joints` maps a speed (a state) to its joint's name.  `springs` maps a spring to its ends:
     the joint, and the turns of this end per turn of the joint.  `drives` maps a drive to its joint,
     and the drive's turns per turn of the joint.
     """
@@ -61,7 +61,7 @@ class SimulatorModel:
 
 
 def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> SimulatorModel:
-    """Return a run's rig with at most `draws` draws; raises `InputError` if it has no roles."""
+    """Return a run's rig with at most `draws` draws; raises `InputError` without `roles`."""
     problem = run.job.problem
     model, posterior = problem.model, problem.posterior
     chain = run.sampled.draws.reshape(-1, len(problem.names))
@@ -233,7 +233,8 @@ def as_mjcf(model: SimulatorModel, *, dcmotor: bool = False) -> str:
 def _gains(means: Mapping[str, float]) -> dict[str, str]:
     """Return the entries of a general actuator: the gains of its input, of angle and of speed.
 
-    The input is a voltage, or the goal of a servo at its usual supply.  Limits of duty are ignored.
+    The input is a torque, current or voltage, or the goal of a servo, whose gains then hold for its
+    usual supply voltage.  Limits of duty are ignored.
     """
     resistance = means.get("resistance", 1.0) + means.get("series_resistance", 0.0)
     gain = means.get("torque_constant", 1.0) / resistance

@@ -190,7 +190,7 @@ class Ranking:
         """Alternately add parts to the best candidate and remove parts, while this gains evidence.
 
         A part that was a substitute for another part is thus removed early.  Scales that gain
-        little alone are not tried again, nor signs and exchanged columns that lose alone.
+        little alone are not tried again, nor signs and exchanged columns that lower the evidence alone.
         """
         changes = self.models.changes.values()
         lost = {c.name for c in self._all() if not c.new and c.bayes < -SURE_LOG_ODDS}

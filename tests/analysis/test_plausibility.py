@@ -168,7 +168,7 @@ def test_a_nominal_value_far_outside_its_prior_is_named() -> None:
     prior = {"prior": "normal", "mean": 10 * NOMINAL["j_1"], "sd": 0.2 * NOMINAL["j_1"]}
     found = plausibility.plausibility_of_priors(problem_measuring("w_2", j_1=prior))
     (text,) = finding_sentences(found)
-    assert text.startswith("the nominal value 0.0283 of j_1 is far outside its prior: only")
+    assert text.startswith("the nominal value 0.0283 of j_1 is far outside its prior, of which")
     near = problem_measuring("w_2", j_1={**prior, "mean": 1.5 * NOMINAL["j_1"]})
     assert list(plausibility.plausibility_of_priors(near)) == []
 

@@ -209,7 +209,7 @@ def test_outliers_are_named_with_the_first_known_reason_and_tables_that_disagree
     foreign = replace(fit.runs[2], outlier=True, worst="p1", sds=6.2)
     fit = replace(fit, runs=(*fit.runs[:2], foreign, *fit.runs[3:]))
     (alarm,) = conclude(fit, misfit={foreign.name: ("it follows no law", "a gear")}).outliers
-    assert alarm.sentence == "run 2 is 6.2 sds off in p1; it follows no law"
+    assert alarm.sentence == "run 2 is 6.2 sds from other runs in p1; it follows no law"
     record = conclude(fit, reasons={foreign.name: "a gear of 7:1"}, misfit={foreign.name: ("odd",)})
     assert record.outliers[0].sentence.endswith("; a gear of 7:1")
     steady = "too few runs have a time, so drifts are not searched"

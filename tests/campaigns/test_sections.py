@@ -14,7 +14,7 @@ EXPLAINED = SimpleNamespace(best=SimpleNamespace(about="a gear of 7:1"))
     "outlier, causes, words",
     [
         (False, None, ""),
-        (True, None, "its record fits by itself, so the rig or its state differed"),
+        (True, None, "the model fits its record, so the rig or its state differed from other runs"),
         (True, EXPLAINED, "its record is explained by a gear of 7:1"),
         (False, SimpleNamespace(best=None), "nothing that was tried explains its record"),
     ],

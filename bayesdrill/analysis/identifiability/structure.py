@@ -188,7 +188,7 @@ def structure_of(
 
 
 FREED_RANGE = 0.5, 1.5  # range over which a fixed number is varied, relative to its value
-MIN_PRIOR_SHARE = 0.5  # smallest effect of all priors / total, and of a named prior / largest one
+MIN_PRIOR_SHARE = 0.5  # least effect: of all priors / total effect, of a named prior / largest one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -219,7 +219,7 @@ def _load(
         yield what, DesignVariant(shifts={torque: load})
 
 
-MIN_FALL = 2.0  # smallest factor by which knowing a nuisance reduces the sd of an unknown like it
+MIN_FALL = 2.0  # smallest factor by which the sd of an unknown falls if a similar nuisance is known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -368,7 +368,7 @@ def study_of(
 
 START_DRAWS, TRIED = 128, 16  # number of prior draws, and of the most probable ones that are tried
 STILL = 1e-3  # modelled / measured range of a channel, below which the model stands still
-MIN_MOTION_OVER_NOISE = 3.0  # smallest sd / noise of a moving channel; neighbours give the noise
+MIN_MOTION_OVER_NOISE = 3.0  # smallest sd / noise of a moving channel; differences give the noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -96,6 +96,6 @@ def _check_own_names(errors: IssueCollector, config: Config, local: LocalNumbers
     """
     for section in ("quantities",) if errors.source.labels else ("quantities", "derived"):
         for name in getattr(config, section):
-            if name in local.numbers and not name.startswith("sigma_"):  # refused as reserved names
+            if name in local.numbers and not name.startswith("sigma_"):  # another check refuses it
                 message = "an unknown of a sensor, noise or torque has this name"
                 errors.add((section, name), f"{message}; choose another one")

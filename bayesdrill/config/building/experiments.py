@@ -38,7 +38,7 @@ def split_experiments(source: Source) -> dict[str, Source]:
 
 
 def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str, Any]:
-    """Return the joint config: entries of the first experiment, and all experiments by name."""
+    """Return the config of the first experiment, with the sections of each under `experiments:`."""
     named = source.data[EXPERIMENTS]
     named = dict(named) if isinstance(named, Mapping) else named
     first = next(iter(sources.values()), source)
@@ -137,9 +137,9 @@ def _check_held(
         for name in config.experiments[label].parameters:
             free = isinstance(experiment.config.parameters.get(name), numbers.ParameterPrior)
             without = [n for n, each in resolved.items() if name not in each.model.parameters]
-            only = f"only a number or a formula can be held; `own: [{name}]` makes unknowns"
-            both = f"{name} is `own:`, and so unknown in each; remove one of the two"
-            lacks = f"{name} is not in the rig of {' and '.join(without)}; name it above"
+            only = f"write a number or a formula here; for an unknown in each, `own: [{name}]`"
+            both = f"{name} is `own:`, and so unknown in each; remove it here, or there"
+            lacks = f"the rig of {' and '.join(without)} has no {name}; give it in all experiments"
             checks = ((free, only), (name in config.own, both), (without, lacks))
             if message := next((text for wrong, text in checks if wrong), ""):
                 errors.add(("experiments", label, "parameters", name), message)
@@ -151,7 +151,7 @@ def _check_derived(errors: IssueCollector, joint: ResolvedCase, space: Parameter
     for formula in joint.experiments[0].rig_numbers.derived:
         for name in [name for name in formula.expression.names if name not in known]:
             others = dict.fromkeys(names.get(name, "") for names in joint.joint_names.values())
-            way_out = f"name {' or '.join(others)}" if all(others) else "it is the same in all"
+            way_out = f"name {' or '.join(others)}" if all(others) else "a shared name has no label"
             message = f"there is no {name} among all experiments; {way_out}"
             errors.add(("derived", formula.symbol.name), message)
 
@@ -190,7 +190,7 @@ def _check_local(
     for k, name in enumerate(config.own):
         errors.expect(("own", k), name, free, f"{name} is no unknown parameter of the rig")
         if name in related_names:
-            message = f"a formula or tie names {name}, so that all experiments share it; remove one"
+            message = f"{name} is in a formula or tie, so all experiments share it; remove it here"
             errors.add(("own", k), message)
 
 
@@ -210,15 +210,15 @@ def _check_shared(
             message += rig if name in model.parameters else ""
             errors.expect(location, name, known_names, message)
         elif any(isinstance(value, float) for value in values):
-            message = f"{name} is held at a value and is not unknown; remove it here"
+            message = f"{name} is held at a value, not unknown; remove it here"
             errors.add(location, message)
         elif len(having) == 1:
-            message = f"only {having[0]} has {name}; give it to another one, or remove it here"
+            message = f"only {having[0]} has {name}; give it in another one too, or remove it here"
             errors.add(location, message)
         elif any(value is None for value in values):
             state = name.removesuffix("_0")
             example = f"`{state}: {{prior: normal, mean: 0, sd: 1}}`"
-            way_out = f"give one in all, such as {example}, or remove it here"
+            way_out = f"write one prior for all, such as {example}, or remove it here"
             errors.add(location, f"each record gives {name} a prior of its own; {way_out}")
         elif others := [n for n, x in zip(having, values, strict=True) if x != values[0]]:
             message = f"{name} has another prior in {others[0]} than in {having[0]}"
@@ -268,7 +268,7 @@ def _no_clash(
     new_names = {labelled_name(name, label): f"{name} of {label}" for name in names}
     clashes = [name for name in new_names if name in used_names]
     for name in clashes[:1]:
-        other = f"that of {used_names[name]}" if used_names[name] else "another meaning already"
-        message = f"the name {name} of {new_names[name]} is {other}; rename the experiment"
+        other = used_names[name] or "something else"
+        message = f"{name} could be {new_names[name]} or {other}; rename the experiment"
         errors.add(("experiments", label), message)
     used_names |= {name: meaning for name, meaning in new_names.items() if name not in clashes}

@@ -58,6 +58,6 @@ def check_latent_torque(model: Model, acts: MissingTorque, sensing: ObservationM
     """Raise `ValueError` if no missing torque is possible for a rig with these sensors."""
     if unsupported := ", ".join([*sensing.gains, *sensing.lags]):
         refusal = f"a missing torque allows for no gain and no lag of a sensor ({unsupported})"
-        raise ValueError(f"{refusal}; correct the column, or remove this entry")
+        raise ValueError(f"{refusal}; correct the file instead, or remove this entry")
     ones = dict.fromkeys(model.parameters, 1.0)
     torque_gain(model, acts, ones, model.linear(ones))

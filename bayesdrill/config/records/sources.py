@@ -79,7 +79,7 @@ def files(case: ResolvedCase) -> list[Path]:
 
 
 def named_files(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
-    """Return each mapping of a plain config that names a file, with the key of the file name."""
+    """Return each mapping with a file name in the raw `data` of a config, and that name's key."""
     record, inputs = data.get("record", {}), data.get("inputs", {})
     entries = [record, *record.get("channels", {}).values(), *inputs.values()]
     having = [entry for entry in entries if isinstance(entry, dict) and "file" in entry]
@@ -107,7 +107,7 @@ def relative_name(folder: Path, file: Path) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clock:
-    """A clock has times `t (n,)` [s] at `rows (n,)` of a table; `in_window (n,)` masks used times."""
+    """A clock has times `t (n,)` [s] at `rows (n,)` of a table; `in_window (n,)` is true if used."""
 
     table: RecordTable
     t: Array
@@ -132,8 +132,8 @@ MAX_KEPT = 4_000_000  # largest number of values in a kept table, as the sampler
 class Files:
     """Keep tables and records that were read, so that no file is read twice.
 
-    `tables` holds small tables by path, format, options and variables. `records` holds the first
-    record of each experiment by its label. `array_table` is the table of a record passed as arrays.
+    `tables` holds small tables by path, format, options and variables. `records` holds each
+    experiment's record, as first read, by its label. `array_table` is that of a record of arrays.
     """
 
     array_table: RecordTable | None = None

@@ -215,7 +215,7 @@ class IdentifySpec(Strict):
     determined: Annotated[float, Field(gt=0, lt=1)] = 0.5
     """A parameter is determined if posterior sd / prior sd of its logarithm is below this number."""
     left_to_prior: Annotated[float, Field(gt=0, le=1)] = 0.9
-    """A parameter is left to the prior if this ratio is not below this number."""
+    """A parameter is left to the prior if posterior sd / prior sd is at least this number."""
 
     def classify(self, ratio: float) -> Identification:
         """Return the class of a ratio of posterior to prior sd, both of logarithms."""

@@ -76,13 +76,13 @@ def _unknown_key(error: EntryError, location: Location) -> str:
     name = str(location[-1])
     word = "symbol" if location[0] == "parameters" and len(location) == 2 else "key"
     if error["input"] is None and name.isdigit():
-        return f"unknown {word}; if it follows a decimal comma, write a decimal point"
+        return f"unknown {word}; if these decimals follow a decimal comma, write a decimal point"
     if "<tie>" in error["loc"]:
         return "a tied parameter has no other entries; remove this entry, or the tie"
     suggestion = did_you_mean(name, _keys_at(error))
     other = "" if error.get("is_train", True) else _train_of(name)
     if location[0] == "inputs" and name.startswith("supply_") and not other:
-        other = f"; write `{name[7:]}: {{servo: 12}}` in `drives:`, 12 for its usual value"
+        other = f"; write `{name[7:]}: {{servo: 12}}` in `drives:` if 12 V is its usual voltage"
     suggestion = "" if other and suggestion.startswith("; known") else suggestion
     return f"unknown {word}{suggestion}{other}".replace("?; ", "? ")
 
@@ -118,7 +118,7 @@ def _hint(value: Any) -> str:
 
 
 def _train_of(name: str) -> str:
-    """Return the model entry for a symbol of a train, such as `goal_motor`, else an empty text."""
+    """Return advice to use a train if `name` is a symbol of one, such as `goal_motor`, or else ''."""
     *_, part = name.removesuffix(BACKWARD).split("_")
     if len(part) < 3 or not re.fullmatch(NAME, part):
         return ""
@@ -130,7 +130,7 @@ def _train_of(name: str) -> str:
 
 
 def _keys_at(error: EntryError) -> list[str]:
-    """Return the keys that are allowed where an unknown key stands."""
+    """Return the keys that are allowed at the location of an unknown key."""
     *path, unknown = error["loc"]
     if "known" in error:
         return sorted(error["known"])

@@ -25,7 +25,7 @@ from bayesdrill.inference.priors import PRIORS, SIGNED_PRIORS, LogUniform, Prior
 
 
 def entry_shape(value: Any) -> str:
-    """Return the tag of the union member that an entry, raw or validated, is meant to be."""
+    """Return the tag for the form of an entry, raw or validated: a mapping, a word or a number."""
     if isinstance(value, dict | BaseModel):
         return "<mapping>"
     return "<word>" if isinstance(value, str) else "<number>"
@@ -88,8 +88,8 @@ class ParameterPrior(PriorSpec):
     start: Positive | None = Field(
         None,
         description="Start of the MAP search; default: the nominal value, else the prior median. "
-        "Its unit is the column's unit for sigma, `unit` for a quantity, and SI for a parameter "
-        "(also with a relative prior).",
+        "A sigma has the unit of its column, a quantity its `unit`, and a parameter SI (even if its "
+        "prior is relative).",
     )
 
 

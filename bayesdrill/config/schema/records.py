@@ -88,7 +88,7 @@ class MaskSpec(Strict):
 
     glitches: bool = Field(False, description="Leave out spikes, as reported by `check`.")
     rows: Annotated[list[Rows], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
-    """First and last row of each span, both included (line of a text file, else counted from 1)."""
+    """First and last row of each span, both included: lines of a text file, or rows from 1 of others."""
     times: Annotated[list[Window], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
     """First and last time of each masked span [s], both included."""
 
@@ -231,7 +231,7 @@ class OutputSpec(Strict):
 
 
 def _shape(value: Any) -> str:
-    """Return the tag of the union member that an entry is meant to be, before or after validation."""
+    """Return the tag for the form of an entry, raw or validated: also a column; see `entry_shape`."""
     if isinstance(value, dict):
         return "<column>" if "column" in value or "variable" in value else "<mapping>"
     return "<column>" if isinstance(value, ColumnSpec) else entry_shape(value)
@@ -275,7 +275,7 @@ class RecordSpec(Strict):
     file: str = Field(description="Relative to the folder of the config.")
     format: str | None = Field(None, description="Default: by the file's ending.")
     rows: Rows | None = None
-    """First and last row used (line of a text file, else counted from 1); default: all rows."""
+    """First and last used row: lines of a text file, or rows from 1 of other files; default: all."""
     time: TimeSpec
     window: Windows | None = None
     """First and last time that are used [s], or a list of such windows; default: all times."""

@@ -29,7 +29,7 @@ class RecordTable:
     path: Path
     variables: dict[str, Array] = field(default_factory=dict)
     lines: Counts | None = None
-    """Row numbers `(T,)` of a table; messages use the noun `called`; None for a file of arrays."""
+    """Row numbers `(T,)` of a table, or None for a file of arrays; `called` is the noun for a row."""
     called: str = "line"
     columns: tuple[str, ...] = ()
     """All columns in order, if some are not numbers; empty if all are `variables`."""

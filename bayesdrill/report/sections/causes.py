@@ -25,7 +25,7 @@ from bayesdrill.rig.models.roles import Roles
 WIDER = 2.0  # upper end of a proposed prior, divided by the estimate
 SHOWN = 5  # largest number of candidates or unknowns that are shown
 AND = ", and "  # after a comma, because the words of a candidate may contain an "and"
-WANDERS = 3.0  # (sd between windows / sd of one estimate) that is no longer put down to chance
+WANDERS = 3.0  # (sd between windows / sd of one estimate) above which chance is unlikely
 STEPS = (
     "next: bayesdrill map CONFIG --apply NEW writes the config with these lines; map NEW shows whether "
     "it fits.\n"

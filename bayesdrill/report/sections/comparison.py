@@ -52,7 +52,7 @@ def comparison_sections(
     units: DisplayUnits,
     pictures: Sequence[Picture] = (),
 ) -> tuple[Section, ...]:
-    """Build the sections of `models` if there are any, or else of `layers`; `rows` are in SI units."""
+    """Build sections on `models` or, without models, on posteriors `layers`; `rows` are in SI."""
     drawn = [build("Figures", *pictures, brief=False)] if pictures else []
     differs = differing(layers)
     moved = overlay.overlay_table(layers, [overlay.overlay_shown(row, units) for row in rows])
@@ -75,7 +75,7 @@ def comparison_sections(
         build("Verdict", "\n".join(comparison_verdict(models))),
         *drawn,
         build("Models", comparison_table(models), Note(COMPARISON_READ), scores),
-        # `Sentences` are kept if they are empty, for an empty line on the terminal.
+        # `Sentences` are kept even if they are empty, for an empty line on the terminal.
         build("How the unknowns move", moved, read, Sentences("\n".join(far))),
         build("What differs between the models", settings, brief=False),
     )
@@ -86,8 +86,8 @@ COMPARISON_READ = (
     "`log evidence` is the logarithm of the record's probability under the model, averaged over its "
     "priors. `against best` is the log of a model's probability divided by that of the best model, if "
     "all were equally likely before. `held out` and `LOO` are predictive scores minus the best score of "
-    "the column, with standard errors. `rms` and `correlation` describe the residuals divided by the "
-    "noise, in the worst channel: 1 and 0 if only noise is left."
+    "the column, with standard errors. `rms` and `correlation` (of successive samples) are those of "
+    "residuals / noise, in the worst channel: 1 and 0 if only noise is left."
 )
 
 
@@ -117,8 +117,8 @@ def _decided(models: Sequence[RunSummary], decision: ModelDecision) -> str:
     first, best = models[decision.first].name, models[decision.best].name
     gain = {name: odds(value) for name, value in decision.gain.items() if math.isfinite(value)}
     lead = f"{best} is {gain.get('first', '')} times as probable as {first}"
-    rig = f"{gain.get('model', '')} times as probable as any with the rig of {first}, whatever its noise"
-    noise = f"{gain.get('noise', '')} times as probable as any with its noise, whatever the rig"
+    rig = f"{gain.get('model', '')} times as probable as any with {first}'s rig and any noise"
+    noise = f"{gain.get('noise', '')} times as probable as any with {first}'s noise and any rig"
     sure = odds(SURE_LOG_ODDS)
     return {
         "neither": "NEITHER another model nor another noise is needed: none of the others is clearly "
@@ -368,7 +368,7 @@ def evidence_sentences(
     elif evidence.error > POOR and evidence.steps_error > 0.5 * evidence.error:
         rough = "the time steps of the rig are too long; a larger `model.pieces` helps"
     elif evidence.error > POOR:
-        rough = "the proposal and the posterior have little in common; longer chains would help"
+        rough = "the samplers' proposal hardly overlaps the posterior; longer chains would help"
     if rough:
         lines.append(f"  ROUGH: {rough}")
     wide = [

@@ -43,7 +43,7 @@ CLEAR = 0.1  # share of an axis at each end that has no numbers
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerLayout:
-    """The layout has margins in inches per point of font size, and the `pitch` in font sizes."""
+    """Panels are `pitch` font sizes apart; margins are in inches per point of font size."""
 
     pitch: float
     left: float
@@ -197,7 +197,7 @@ def _legend(columns: Sequence[CornerColumn]) -> dict[str, style.Look]:
             looks[text] = {"facecolor": grey, "edgecolor": "black", "linewidth": 0.7}
         notes.append("no contour where the density is flat")
     if any(column.scale.origin for column in columns):
-        notes.append(r"$\delta$: the difference that the axis shows")
+        notes.append(r"$\delta$: difference from the number in the label")
     return looks | dict.fromkeys(notes, style.WORDS)
 
 

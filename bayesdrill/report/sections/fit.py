@@ -55,7 +55,7 @@ class Signal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """A course has `values (T,)` of a measured input, or of a friction at the MAP.
+    """A course over time has `values (T,)` of a measured input, or of a friction at the MAP.
 
     An input is held or `straight` between samples.  A friction has a `band (2, T)` of draws, and it
     sticks from the first to the second time of each pair in `sticks`.

@@ -35,7 +35,7 @@ SHAPES = {
     "flat": "any value of its prior fits as well: the record does not determine it",
     "at the bound": "the best fit lies at the end of its prior",
 }
-# The text for a parameter with limits beyond which other parameters would leave their priors.
+# The text for a parameter that is bounded only because others would leave their priors.
 THROUGH_OTHERS = "by the ends of the others' priors; the record alone does not determine it"
 
 

@@ -60,7 +60,7 @@ COLUMNS = ("name", "unit", "run", "nominal", "mean", "sd", *HDI_ENDS, "held", "a
 
 
 def overlay_csv(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> str:
-    """Return CSV in SI, a line by unknown and run; `apart` is the largest distance of two runs."""
+    """Return CSV in SI, a line for each unknown and run; `apart` is the largest distance of two runs."""
     lines: list[Sequence[object]] = [COLUMNS]
     for row in rows:
         for layer, place, nominal in zip(layers, row.places, row.nominal, strict=True):

@@ -322,7 +322,7 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
     table = believed_columns(run, of_rows(run.units.rows(unknowns), bars))
     depending = describe_dependence(run.analysis.leaning).splitlines()
     known = [] if run.reasons else [*in_words(unknowns), *depending]
-    # `Sentences` are kept if they are empty, for an empty line on the terminal.
+    # `Sentences` are kept even if they are empty, for an empty line on the terminal.
     blocks: list[Block] = [table, Note(read), Sentences("\n".join([*known, *run.notes]))]
     if sds := run.analysis.sandwich:
         windows = causes.windows if causes else ()

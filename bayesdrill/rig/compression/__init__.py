@@ -7,9 +7,9 @@ and for complex poles Kautz functions. Each is a filter that depends on no unkno
 
 The filters run once over the whole record. Their outputs are columns of a matrix, which a QR
 decomposition reduces to a triangle R of some fifty rows. From then on a rig is given by some fifty
-coefficients c, minus those of a reference. Its sum of squared residuals is |r - R c|^2 plus a
-constant, with the projected residuals r of the reference. So a million samples take no longer than
-a thousand. The truncation error has a bound for each walker (set of parameters). If this bound is
+coefficients c, minus those of a reference rig. The sum of squared residuals is |r - R c|^2 plus a
+constant, with the projected residuals r of the reference rig. So a million samples take no longer
+than a thousand. The truncation error has a bound for each walker (set of parameters). If this bound is
 too large, the exact simulator is used.
 
 `basis` chooses poles and computes the triangle. `basis_kernel` writes the code that expands a rig,

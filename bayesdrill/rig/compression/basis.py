@@ -1,9 +1,9 @@
-"""Choose rational functions for the response of rigs near a reference, and project a record on them.
+"""Choose rational functions for responses near that of a reference rig, and project a record on them.
 
 See `basis_kernel` for the functions. Their poles are chosen for the rigs at given points. The
 functions' filters, applied to the inputs, give the columns of a matrix B = Q R. With the residuals
-r of the reference, the record is reduced, block by block, to the triangle R and to Q' r. Their
-sizes do not depend on the length of the record.
+r of the reference rig, the record is reduced, block by block, to the triangle R and to Q' r. The
+sizes of both do not depend on the length of the record.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ROWS_AT_ONCE = 16  # (rows per QR decomposition) / columns: so few that they fit
 MAX_ORDER = 30  # largest `Pole.order`; with more functions the exact response costs less
 MAX_SHARED = 1e-9  # largest effect of an integrator on rates, relative to that of other states
 NEARLY_ONE = 0.3  # relative distance of real modes below which they are treated as a pair
-LEAST_TURN = 0.25  # least rotation or shear of a pair / min(its decay, its distance from -1)
+LEAST_TURN = 0.25  # least rotation or shear of a pair / min(decay, distance from -1) of the pair
 UNKNOWN = "the poles of the rig are too uncertain"
 
 

@@ -1,8 +1,9 @@
-"""Simulate a linear rig by the QR triangle R of a record, in a time independent of its length.
+"""Simulate a linear rig in a time that does not depend on the length of the record.
 
-`CompressedSimulator` computes sums of squares and their normal equations from the record's triangle
-(`basis`) for each walker (set of parameters) whose truncation bound is small enough. For other walkers,
-and for all other results, it calls the exact simulator.
+`CompressedSimulator` computes sums of squares and their normal equations from the triangle R of a QR
+decomposition of basis functions and record (`basis`). It does so for each walker (set of parameters)
+for which the finite number of functions has a small enough error. In all other cases it calls the
+exact simulator.
 """
 
 from __future__ import annotations
@@ -51,9 +52,9 @@ RESPONSE_DIGITS = range(12, 26, 2)
 class Compression:
     """The compression is the projection of a record of any length on a few basis functions.
 
-    `shape`, `orders` and `frame` describe the functions to kernels. `reference (n, K)` are the
-    coefficients of the reference, which are subtracted from those of walkers. `numbers` are the
-    time step and constant inputs. `tolerance (K, sums)` is the admissible error of each sum.
+    `shape`, `orders` and `frame` define the functions. `reference (n, K)` are the coefficients of
+    a reference rig, which are subtracted from those of walkers. `numbers` are the time step and
+    constant inputs. `tolerance (K, sums)` is the admissible error of each sum.
     """
 
     shape: BasisShape
@@ -251,7 +252,7 @@ class CompressedSimulator(Simulator):
 
 
 def even_record(simulator: Simulator) -> LongRecord:
-    """Return the record of a linear rig whose steps are equal and whose channels are not late."""
+    """Return the record of a linear rig; it must have equal steps, and channels without lags."""
     grid = simulator.sensors.grid
     count = len(grid.t) - 1
     at = grid.samples if len(grid.samples) < count else None
@@ -259,7 +260,7 @@ def even_record(simulator: Simulator) -> LongRecord:
 
 
 def compress(simulator: Simulator, points: Array, variances: Array, weights: Array) -> Compression:
-    """Compress a record for rigs near `points (n, P)`; the first is the reference.
+    """Compress a record for rigs near `points (n, P)`; the reference rig is at the first point.
 
     `variances (K,)` are those of the noise. `weights (K, sums)` are those of sums of squares in
     -2 log likelihood, see `Noise.square_weights`. The log likelihood may be wrong by `TOLERANCE`.

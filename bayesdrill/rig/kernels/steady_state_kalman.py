@@ -190,7 +190,7 @@ def _add_one(m: Numbers, n: int, x: ir.Value) -> None:
 
 
 def _prepend(m: Numbers, n: int, addresses: Addresses, transition: ir.Value) -> None:
-    """Put the block B, G, H before samples with information `g`, which becomes that of both."""
+    """Put the block B, G, H before samples with information `g`; store the joint information in `g`."""
     b, end = m.b, addresses["g"]
     lu, x, e = (m.room(n * n) for _ in range(3))
     _decompose_sum(m, n, addresses["p"], end, x, lu, m.room(1))

@@ -37,8 +37,8 @@ Elements = Annotated[
 
 
 def _declared() -> tuple[Symbol, ...]:
-    """Return the symbols of the inner nodes, whose units exclude them from `Model.angles`."""
-    what = "of the shaft at an inner node, minus that of a straight line between its ends"
+    """Return symbols of inner nodes; their unit is 1, not rad, so `Model.angles` leaves them out."""
+    what = "of the shaft at an inner node, minus the linear interpolation between its ends"
     nodes = range(1, MAX_ELEMENTS)
     return (
         *(Symbol(f"phi_{k}", "1", rf"\varphi_{k}", "", f"angle {what}") for k in nodes),

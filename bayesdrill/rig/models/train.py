@@ -160,7 +160,7 @@ def _check_servos(train: Train) -> None:
 class Row:
     """A row describes one parameter of a part: role, letter, unit and meaning for a rotary train.
 
-    `required` has the roles that the parameter requires, or None if the part always has it.
+    `required` names roles whose parameters must be used, too; None if the part always has this one.
     `suffix` ends the parameter's name, after the name of the part.
     """
 
@@ -178,12 +178,12 @@ BACKWARD = "_backward"
 INERTIA = (
     Row("inertia", "j", "kg*m**2", "moment of inertia of"),
     Row("damping", "c", "N*m*s/rad", "viscous damping at", (), "not negative"),
-    Row("friction", "t_f", "N*m", "friction of constant sign at", (), "any"),
+    Row("friction", "t_f", "N*m", "friction that never changes its sign at", (), "any"),
 )
 RUBBING = (
     Row("sliding", "t_c", "N*m", "sliding friction at", (), "not negative"),
     Row("static", "t_s", "N*m", "static friction at", ("sliding", "fading"), "not negative"),
-    Row("fading", "w_s", "rad/s", "speed of lost static friction at", ("sliding", "static")),
+    Row("fading", "w_s", "rad/s", "speed scale of static friction's decay at", ("sliding", "static")),
     Row("drag", "d", "N*m*s**2/rad**2", "quadratic drag at", (), "not negative"),
     Row("sliding_back", "t_c", "N*m", "backward sliding friction at", ("sliding",), "not negative",
         suffix=BACKWARD),
@@ -211,7 +211,7 @@ SHAFT = (
 )
 SERVO = (
     Row("supply", "supply", "V", "supply of"),
-    Row("duty", "duty", "1/rad", "duty cycle for a unit of error times k_p of"),
+    Row("duty", "duty", "1/rad", "duty cycle per unit of k_p * error of"),
     Row("proportional", "k_p", "1", "proportional gain of", ()),
     Row("derivative", "k_d", "s", "derivative gain of", (), "not negative"),
     Row("limit", "limit", "1", "largest duty cycle of", (), at_most=1.0),

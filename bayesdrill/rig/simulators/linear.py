@@ -55,7 +55,7 @@ class Response(Simulator):
 
     @cached_property
     def record(self) -> Mapping[str, Array] | None:
-        """See `Simulator.record`; None unless times are even, sensors perfect and all samples there."""
+        """See `Simulator.record`; None unless times are even, sensors perfect, no sample missing."""
         experiment = self.experiment
         plain = self.sensing.empty and experiment.uniform and bool(experiment.is_measured.all())
         return record_blocks(experiment) if plain else None

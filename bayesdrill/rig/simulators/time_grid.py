@@ -1,7 +1,7 @@
 """Divide the times of a record into steps that are equal or have few distinct lengths.
 
 Steps of too many distinct lengths are assigned to cells.  Cell k has the lengths from k to k + 1
-times a width.  A step in this cell takes the exponential over k widths, then advances the excess.
+times a width.  A step in this cell uses the exponential over k widths, then covers the rest of the step.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ CLOCK_ROUNDING = 4 * np.finfo(float).eps
 MAX_FILL_RATIO = 1.5
 # Largest number of distinct steps with an exponential each: 4 + n_samples / 100.
 MIN_DISTINCT_STEPS, SAMPLES_PER_STEP = 4, 100
-# Largest `_cost` of `_cells`, in matrix products: n_samples / 12, but from 24 to 64.
+# Largest `_cost` of `_cells`, in matrix products: n_samples / 12, within 24 to 64.
 CELLS, SAMPLES_PER_CELL = (24, 64), 12
 WIDTH_RATIO = 1.25  # ratio of successive cell widths in the search
 BELOW_ONE = 1.0 - 2.0**-53
@@ -124,7 +124,7 @@ def _in_pieces(t: Array, steps: Array, median: float) -> tuple[Array, Whole, Who
 
 
 def _in_cells(t: Array, at: Whole, pieces: Whole, median: float, tolerance: float) -> Grid:
-    """Return the grid with the narrowest cells of acceptable cost; pieces have their own nodes."""
+    """Return the grid with the narrowest cells of acceptable cost; `spans` ends with the pieces."""
     steps, free = np.diff(t), pieces == 0
     most = int(np.clip(len(t) // SAMPLES_PER_CELL, *CELLS))
     width = float(steps[free].max())
@@ -173,10 +173,11 @@ NODE_TOLERANCE = 1e-9  # in steps: a lag this close to a whole number of steps i
 
 
 class UniformGrid:
-    """The nodes begin at the first of times `t (T,)` and are `span` apart, the median step / `pieces`.
+    """The grid points (nodes) begin at the first of `t (T,)`, and are `span` apart: a step / `pieces`.
 
-    Inputs `series`, each `(T,)`, are interpolated between samples (`first_order`) or held. For each
-    step, an interpolated input has its value at the beginning and a slope, a held input its mean.
+    The step is that of uniform times, or else the median. Inputs `series`, each `(T,)`, are interpolated
+    between samples (`first_order`) or held. For each step, an interpolated input has its value at the
+    beginning and a slope, a held input its mean.
     """
 
     def __init__(
@@ -215,7 +216,7 @@ class UniformGrid:
 
     @cached_property
     def usual(self) -> Whole:
-        """Return 1 for each sample that is `pieces` > 1 steps before the next one, else 0: `(T,)`."""
+        """Return 1 for samples `pieces` steps before the next, else 0; 0 for all if `pieces` is 1."""
         return np.asarray((self.counts == self._substeps) & (self.counts > 1)).astype(np.int64)
 
     def locate(self, t: Array) -> tuple[Whole, Array]:
@@ -250,7 +251,7 @@ class UniformGrid:
     def inputs(self, margin: int, after: int) -> Array:
         """Return inputs over steps, `(N + 1 + after, S)` or, with time slopes, `(N + 1 + after, 2 S)`.
 
-        In memory, `margin` further rows precede and follow. Outside the record, inputs are constant.
+        In memory, `margin` further rows lie before and after. Outside the record, inputs are constant.
         """
         # Round the sizes up to powers of two, so that only a few results have to be kept.
         margin, after = (1 << n.bit_length() if n else 0 for n in (margin, after))

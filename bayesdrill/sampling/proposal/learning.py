@@ -237,7 +237,7 @@ def _central_draws(learning_round: _Round) -> list[tuple[int, Array, tuple[Array
 
 @dataclass(frozen=True, slots=True)
 class _Round:
-    """A round tests a proposal by draws: `counts` of its mixture and of a wider one were tried."""
+    """A round tests a proposal by draws; `counts` are tries with its mixture and with a wider one."""
 
     proposal: Proposal
     origin: tuple[int, ...]

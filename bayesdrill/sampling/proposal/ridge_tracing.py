@@ -175,7 +175,7 @@ def trace(
         cloud = drawn[rng.choice(len(drawn), size=len(drawn), p=p)]
 
     def scattered_psi(n: int) -> Array:
-        """Draw psi `(n, l)` from the cloud, or else a normal distribution; both are widened."""
+        """Draw psi `(n, l)` from a widened cloud of draws or, without draws, a normal distribution."""
         if cloud is None:
             return psi + SCATTER_WIDTH * rng.standard_normal((n, len(psi))) @ spread.T
         return psi + SCATTER_WIDTH * (cloud[rng.integers(len(cloud), size=n)] - psi)

@@ -149,7 +149,7 @@ class IndependenceMove:
 
 
 def step_trapped(model: Any, state: Any, proposal: Proposal, log_q: Array) -> Flags:
-    """Take a local step with each walker whose p/q is too large; all walkers have `log_q (W,)`."""
+    """Take a local step with each walker whose p/q is too large; `log_q (W,)` is that of all walkers."""
     moved = np.zeros(len(log_q), dtype=bool)
     which = np.flatnonzero(state.log_prob > proposal.trapping_log_p(log_q))
     if len(which) > 0:

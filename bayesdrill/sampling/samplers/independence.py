@@ -1,6 +1,6 @@
 """Fit an independence proposal to weighted draws: a Gaussian mixture over ridge coordinates.
 
-Draws come from the proposal q and from a wider density, which shows regions where q is too small.
+The draws come from an earlier q and from a wider density, which shows where q is too small.
 
 A sheet is a ridge with its own coordinates; each component of the mixture is Gaussian on one sheet.
 The sum of all components is a density over u, normalised before the prior truncates it.
@@ -28,7 +28,7 @@ LONG_LOG_RATIO = 2.0  # a walker is trapped if log (p/q) is this much above its 
 
 @dataclass(frozen=True, slots=True)
 class WeightedDraws:
-    """Draws `u (N, D)` have the weights `log_w = log (p/q)` and `log_q`, `(N,)` each.
+    """Draws `u (N, D)` have two log weights `(N,)`: `log_w` = log (p/q), and `log_q`.
 
     `log_q` is log (q / density of the draws).  Densities need not be normalised; p may be 0.
     """
@@ -118,7 +118,7 @@ def effective_count(weights: Array) -> float:
 
 Inside = Callable[[Array], Flags]
 
-# Weight of a draw outside the prior; with 1, nine of ten draws at a corner would be outside.
+# Weight of draws outside the prior; at a corner of the prior, 1 would put 9 of 10 draws outside.
 CUT_OFF_FILL = 0.8
 VARIANCE_FLOOR = 1e-4  # fraction of a sheet's variance, added to that of each component
 LOG_2PI = float(np.log(2.0 * np.pi))
@@ -169,7 +169,7 @@ class Mixture:
         return MixtureDraws(u, jacobian, y, self.sheet[component])
 
     def coordinates(self, drawn: MixtureDraws) -> tuple[Array, Array]:
-        """Return what `straightened` gives for draws, whose own sheet's coordinates are known."""
+        """Return the same as `straightened`, but reuse the coordinates of draws on their own sheets."""
         y = np.repeat(drawn.y[None], len(self.sheets), axis=0)
         jacobian = np.repeat(drawn.jacobian[None], len(self.sheets), axis=0)
         for s, sheet in enumerate(self.sheets):
