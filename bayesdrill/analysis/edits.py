@@ -55,7 +55,7 @@ def rig_candidates(
 ) -> dict[str, float]:
     """Return parameters that the rig offers but lacks, with upper limits, at `full (1, P)`.
 
-    The limits follow from simulated states or, if `measured` is true, from states in channels.
+    The limits follow from simulated states or, if `measured`, from the states that channels show.
     """
     model = observations[0].response.model
     has, taken = {*model.parameters}, set[str]()

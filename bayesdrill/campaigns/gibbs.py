@@ -266,7 +266,7 @@ def _update_coefficients(
 
 
 def _normal(precision: Array, moment: Array, rng: np.random.Generator) -> Array:
-    """Draw from normal distributions with `precision (..., n, n)` and `moment` precision @ mean."""
+    """Draw from normals with `precision (..., n, n)` and precision @ mean = `moment`."""
     root = np.linalg.cholesky(precision)
     half = np.linalg.solve(root, moment[..., None]) + rng.standard_normal((*moment.shape, 1))
     return np.asarray(np.linalg.solve(np.swapaxes(root, -1, -2), half)[..., 0])

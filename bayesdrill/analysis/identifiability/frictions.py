@@ -24,7 +24,7 @@ from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
 from bayesdrill.rig.models.roles import Roles
 
 KNOWN_SD = 0.1  # a parameter with a smaller sd of its log counts as known, whatever it resembles
-MIN_FALL = 2.0  # smallest fall of the sd of a confounded parameter, as a factor, with known rivals
+MIN_FALL = 2.0  # smallest factor by which known rivals reduce the sd of a confounded parameter
 MIN_EXPLAINED_FALL = 0.8  # smallest fraction of that factor's log that reported rivals explain
 MIN_HELPFUL_FALL = 1.5  # smallest factor by which a proposed experiment reduces an sd
 MAX_PROPOSED = 2  # largest number of experiments that are proposed
