@@ -182,7 +182,7 @@ class CalibrationStudy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refit:
-    """A refit has `truth` and `ranks` in the order of `names`; without draws, `ranks` is empty."""
+    """A refit has `truth` and `ranks` by the study's `names`; without draws, `ranks` is empty."""
 
     index: int
     truth: tuple[float, ...]

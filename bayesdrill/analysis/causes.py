@@ -62,8 +62,8 @@ class Cause:
 
     `words` describe the parts, and `lines` are the lines that add them to a config.  `lacks` names
     parameters that the rig lacks.  `gain` and `bayes` are the log posterior and the log evidence
-    (Laplace) minus those of the config as given.  `new` are unknowns that the parts add, and `fit` are
-    the residuals.  A refit that is not `finished` was stopped, as it could not become the best.
+    (Laplace) minus those of the config as given.  `new` are unknowns that the parts add, and `fit`
+    summarises residuals.  A refit that is not `finished` was stopped, as it could not be the best.
     """
 
     parts: tuple[str, ...]

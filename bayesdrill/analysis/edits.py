@@ -55,8 +55,8 @@ def rig_candidates(
 ) -> dict[str, float]:
     """Return parameters of optional effects that the rig does not have yet, with upper limits.
 
-    The limits follow from states at all parameters `full (1, P)`: simulated states or, if `measured`
-    is true, states in channels.
+    The limits follow from states at the parameters `full (1, P)`: simulated states or, if `measured`,
+    states that channels show.
     """
     model = observations[0].response.model
     has, taken = {*model.parameters}, set[str]()

@@ -131,12 +131,12 @@ def _saturations(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Findin
             duty -= p.get(motor.derivative, 0.0) * x[inertia.speed] / inertia.reduction
             dead = gain * p.get(motor.band, 0.0)
             beyond.append(p[motor.duty] * (np.abs(duty) - dead) > largest)
-        excess = float(np.mean(np.concatenate(beyond)))
+        ratio = float(np.mean(np.concatenate(beyond)))
         names = {"motor": inertia.words, "limit": motor.limit}
         if motor.limit in p:
-            yield Finding("servo that saturates", names, {"percent": 100 * excess, "duty": largest})
-        elif excess > FEW:
-            yield Finding("servo beyond its supply", names, {"percent": 100 * excess})
+            yield Finding("servo that saturates", names, {"percent": 100 * ratio, "duty": largest})
+        elif ratio > FEW:
+            yield Finding("servo beyond its supply", names, {"percent": 100 * ratio})
 
 
 def _driving_frictions(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:

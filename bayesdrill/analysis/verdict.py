@@ -44,7 +44,7 @@ def tension(logs: Array, low: float, high: float) -> float:
     """Return sigmas between draws `logs (N,)` and the nearest value from `low` to `high`.
 
     The two-sided tail probability of that value is converted to sigmas of a normal distribution.  If
-    too few draws lie beyond the value, a normal tail is assumed, with the larger of two sds.
+    too few draws lie beyond the value, a normal tail is assumed, whose sd follows from quantiles.
     """
     middle = float(np.median(logs))
     value = min(max(middle, low), high)

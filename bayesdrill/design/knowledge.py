@@ -18,7 +18,7 @@ class PresentKnowledge:
     """A design is averaged over `draws (W, D)`; limits are checked at the draws `checked (C, D)`.
 
     `precision (m, m)` is the inverse covariance of the simulator's unknowns on natural scales.  It
-    is an approximation unless `gaussian`.  `source` is "the prior" or "the posterior".
+    only approximates the priors unless `gaussian`.  `source` is "the prior" or "the posterior".
     """
 
     draws: StoredArray

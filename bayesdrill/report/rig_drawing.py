@@ -438,7 +438,7 @@ def _spring(sheet: Canvas, left: float, right: float, y: float, *, damped: bool)
 
 
 def _wheels(sheet: Canvas, times: float, left: float, right: float, y: float) -> None:
-    """Draw two meshing wheels; `times` is the ratio of their radii, limited to 1/3 to 3."""
+    """Draw two meshing wheels; the first is `times` as large as the second, limited to 1/3 to 3."""
     times = float(np.clip(times, 1 / 3, 3.0))
     first, middle = 0.26 * times / (1 + times), (left + right) / 2
     second = 0.26 - first

@@ -173,7 +173,7 @@ def dump_record(record: Any, form: int, **others: Any) -> str:
 
 
 def load_record[T](path: Path, kind: type[T], form: int) -> tuple[T, dict[str, Any]]:
-    """Read a text of `dump_record`; raises `InputError` if damaged or of another format version."""
+    """Read a file of `dump_record`; raises `InputError` if damaged or of another format version."""
     why = COMPUTED_AGAIN
     try:
         data = output_files.loads_checksummed(path.read_bytes())

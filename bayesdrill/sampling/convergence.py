@@ -105,8 +105,8 @@ def group_centres(means: Array) -> tuple[float, float]:
 def long_run_tau(theta: Array, selected: Flags, sd: Array, parts: int = 1) -> Array:
     """Estimate tau `(D,)` in steps from the scatter of the walkers' means over parts of a chain.
 
-    `sd (D,)` is the standard deviation of all steps.  No window of lags cuts off slow motion: only
-    motion slower than a part is missed.  Means are compared within ensembles, not between them.
+    `sd (D,)` is the standard deviation of all steps.  No window of lags cuts off slow motion: even
+    motion as slow as a part is seen.  Means are compared within ensembles, not between them.
     """
     length = theta.shape[1] // parts
     total, freedom = np.zeros(theta.shape[-1]), 0  # sum of squares, and degrees of freedom
@@ -243,7 +243,7 @@ class Convergence(ChainLength):
 
     Of the `steps` per ensemble, `burn_in` are dropped and every `thin`-th is kept.  `r_hat`,
     `ess_bulk` and `ess_tail` have the shape `(D,)`.  `reasons` say why the result must not be
-    believed.  `slowest` is the unknown with the longest `tau`.  If the chain is only too short,
+    believed.  `slowest` is the unknown with the longest `tau`.  If the chain is merely too short,
     `enough` estimates the necessary number of steps.
     """
 

@@ -35,7 +35,7 @@ from bayesdrill.sampling.workers import WorkerPool
 
 SEARCHING = "searching the MAP"
 CHECKED_DRAWS = 500  # draws at which a compressed likelihood is compared with the exact one
-TASKS_PER_SEARCH = 2  # number of tasks that divide the starts; few, as each evaluates batches
+TASKS_PER_SEARCH = 2  # tasks that share the starts: few, as a batch costs hardly more than a start
 BATCHES_PER_START = 2000  # number of batches of random points that take as long as one search
 WORKERS_START = 1.5  # seconds until workers begin to compute
 

@@ -95,7 +95,7 @@ def _gauss_newton_model(surface: LogDensity, u: Array) -> QuadraticModel:
 
 
 def _second_order_model(surface: LogDensity, u: Array) -> QuadraticModel:
-    """Return a model with second derivatives by finite differences, of positive eigenvalues."""
+    """Return a model with second derivatives by finite differences, and absolute eigenvalues."""
     n, d = u.shape
     here = _gauss_newton_model(surface, u)
     steps = DIFFERENCE_STEP * np.diag(surface.spread)

@@ -150,7 +150,7 @@ class Findings(Value):
 def identify(job: Job, best: Mode | None, profiled: Sequence[str], report: Reporter) -> Findings:
     """Study a job at the maximum `best`, or else its start; make profiles of `profiled` parameters.
 
-    Raises `InputError` if no unknown can be studied, or if `profiled` has another name.
+    Raises `InputError` if no unknown can be studied, or if one of `profiled` is not such an unknown.
     """
     posterior = job.problem.posterior
     sensitivities = SensitivityStudy(posterior.likelihood)

@@ -387,7 +387,7 @@ class Ranking:
     def _redundant(self, top: RefitMaximum, rung: CandidateModel) -> Iterator[Doubt]:
         """Yield doubts on pairs in which each part gains nearly as much as both.
 
-        No doubt is raised if residuals are noise, or if the refit stopped at too low an evidence.
+        No doubt is raised if residuals are noise, or if the refit was stopped (evidence too low).
         """
         causes, both = self.causes_by_parts, float(top.log_z - self.base.log_z)
         known = top.is_finished and not like_noise(top.residuals)
@@ -432,17 +432,17 @@ def _finer(heights: Mapping[float, float], finest: float) -> list[float]:
     """
     known = sorted(heights)
     k = known.index(max(heights, key=heights.__getitem__))
-    three = known[max(k - 1, 0) : k + 2]
+    group = known[max(k - 1, 0) : k + 2]
     least = heights[known[k]] - SAME_HEIGHT
     wide = [
-        (a, b) for a, b in pairwise(three) if b - a > finest and min(heights[a], heights[b]) < least
+        (a, b) for a, b in pairwise(group) if b - a > finest and min(heights[a], heights[b]) < least
     ]
     halfway = [0.5 * (a + b) for a, b in wide]
-    if len(three) < 3 or not wide:
+    if len(group) < 3 or not wide:
         return halfway
-    bend, slope, _ = np.polyfit(np.subtract(three, known[k]), [heights[x] for x in three], 2)
+    bend, slope, _ = np.polyfit(np.subtract(group, known[k]), [heights[x] for x in group], 2)
     top = known[k] - 0.5 * slope / bend if bend < 0 else known[k]
-    return [*halfway, float(top)] if three[0] < top < three[2] and top not in heights else halfway
+    return [*halfway, float(top)] if group[0] < top < group[2] and top not in heights else halfway
 
 
 def _doubts(top: RefitMaximum, known: set[str], rung: CandidateModel) -> Iterator[Doubt]:

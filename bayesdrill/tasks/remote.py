@@ -248,7 +248,7 @@ def run_jobs[K, T](
     folder: Path,
     report: Reporter,
 ) -> None:
-    """Compute `function` for each of `jobs`: the arguments that are `packed`, then further ones.
+    """Compute `function` for each job, which has `packed` arguments and then further arguments.
 
     `finish` saves the result of a finished job in `folder`, and returns a text about the progress.
     A job that is computed twice, because a worker was lost, is saved once.  Raises like `results`.

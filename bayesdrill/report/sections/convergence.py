@@ -197,7 +197,7 @@ LOOKS: tuple[tuple[str, float, Any], ...] = (
 )
 THIN = 0.8  # line width in a panel with all ensembles
 STRETCHES = 45  # number of segments, in each of which a median is averaged to make dashes visible
-MARKS = 4  # marks with ensemble numbers in a panel; none for more than 2 * MARKS ensembles
+MARKS = 4  # numbered marks in a panel, at least one an ensemble; none for over 2 * MARKS ensembles
 MARK = style.fix_look(linestyle="none", marker="o", markersize=6.5, markeredgewidth=0.5)
 BURN_IN: dict[str, Any] = {**style.HATCHED, "hatch": "////"}
 BANDS = 0.24  # opacity of all bands together

@@ -44,7 +44,7 @@ def effort_symbol(friction: Friction) -> Symbol:
 
 
 def speed_symbol(state: str, inertia: InertiaRoles | None, model: Model) -> Symbol:
-    """Return the symbol of the current or speed `state`; an inertia behind a gear has its own."""
+    """Return the symbol of a current or speed; across a gear, it is the inertia's own speed."""
     symbol = model.symbols[state]
     if inertia is None or not inertia.latex:
         return symbol

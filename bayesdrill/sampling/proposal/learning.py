@@ -70,9 +70,9 @@ class NoSupportError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnedProposal:
-    """A learnt proposal has the `draws` that tested it, and the index of each ridge's maximum.
+    """A learnt proposal has its test `draws`; `origin` is the index of each ridge's maximum.
 
-    These indices are `origin`.  `missed` estimates the posterior mass that q hardly ever reaches.
+    `missed` estimates the posterior mass that q hardly ever reaches.
     """
 
     proposal: Proposal
