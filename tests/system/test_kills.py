@@ -163,11 +163,10 @@ def test_ctrl_c_while_workers_start_shows_no_traceback(
 
 
 LARGE_RESULTS = """
-import numpy as np
 from bayesdrill.sampling.workers import WorkerPool
 
 def large():
-    return np.zeros(4_000_000)
+    return bytes(32_000_000)
 
 if __name__ == "__main__":
     with WorkerPool(None, 2) as pool:

@@ -252,12 +252,7 @@ def critical() -> tuple[Response, np.ndarray]:
 
 @pytest.mark.parametrize(
     "make",
-    [
-        with_gaps,
-        sensed,
-        lambda: imposed(little(14)),
-        critical,
-    ],
+    [with_gaps, sensed, lambda: imposed(little(14)), critical],
     ids=["moving start, gaps", "sensors", "imposed speed, straight inputs", "critical"],
 )
 def test_sums_are_those_of_the_exact_simulator(
