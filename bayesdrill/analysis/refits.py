@@ -115,7 +115,7 @@ def refit_candidate(
     quantiles of new unknowns' priors.  A search stops if its next step promises less than the log
     density `threshold`.  It also stops if steps with the present gain would end far below `threshold`,
     or below `rival`, the log evidence of another candidate.  With a maximum `single`, no search begins
-    if steps like the first one from `initial` would not reach `rival`.
+    if steps like the first one from the best start would not reach `rival`.
 
     The log evidence is that of a Gaussian with the curvature at the maximum (MacKay 2003, ch. 27).
     Priors count in it as Gaussians with their spreads, so that an undetermined direction costs each
@@ -126,8 +126,9 @@ def refit_candidate(
     surface, coordinates = CountingDensity(posterior), posterior.coordinates
     physical = _starts(posterior, initial, single, starts)
     rows = np.clip(coordinates.from_physical(physical), surface.low, surface.high)
-    hopeful = not single or _can_reach(surface, rows[:1], records, rival)
-    first_steps, rows = (FIRST_STEPS, rows) if hopeful else (0, rows[:1])
+    nearest = rows[[np.argmax(surface.value(rows))]] if single else rows[:1]
+    hopeful = not single or _can_reach(surface, nearest, records, rival)
+    first_steps, rows = (FIRST_STEPS, rows) if hopeful else (0, nearest)
     first = gauss_newton(surface, rows, first_steps, merged=MERGED)
     if not np.isfinite(first.value).any():
         return None

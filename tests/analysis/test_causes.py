@@ -148,10 +148,7 @@ def test_combinations_beyond_the_largest_number_of_evaluations_are_named_and_not
     monkeypatch.setattr(ranking, "MOST_EVALUATIONS", 1)
     causes = causes_of(bd.load(rig(tmp_path, {"offset": 0.4, "supply": -0.6, "late": 1})))
     assert all(len(one.parts) == 1 for one in causes.ranked)
-    left = (
-        "an offset of alpha with an offset of v",
-        "an offset of v with an offset of alpha",
-    )
+    left = ("an offset of alpha with an offset of v", "an offset of v with an offset of alpha")
     assert causes.untried in [(words,) for words in left]
     assert "1 combination was not tried" in describe_causes(causes)
 

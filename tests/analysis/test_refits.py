@@ -162,6 +162,18 @@ def test_a_refit_that_cannot_reach_its_rival_is_not_finished(above: float, finis
     assert result.log_z == pytest.approx(alone.log_z)
 
 
+def test_a_start_at_which_friction_stops_the_rig_does_not_end_a_refit() -> None:
+    """It is the middle of the prior; another start is better, and steps from there reach the rival."""
+    wide = {"t_c_hub": {"prior": "uniform", "low": 0.0, "high": 100.0}}
+    volts = 5.0 * np.sign(np.sin(8.0 * T + 0.3))
+    posterior = hub(volts, HUB | {"t_c_hub": 0.5}, UNKNOWN | wide)
+    near, small = {name: HUB[name] for name in UNKNOWN}, {"t_c_hub": 0.2}
+    best = refit(posterior, near | small)
+    top = refit(posterior, near, near | {"t_c_hub": 60.0}, {}, [small], best.log_z - 1.0)
+    assert top.is_finished
+    assert top.log_z == pytest.approx(best.log_z, abs=1e-3)
+
+
 @run_cases("high, at_end", [(0.1, True), (10.0, False)])
 def test_a_maximum_at_the_end_of_a_prior_is_noticed(high: float, at_end: bool) -> None:
     unknown = UNKNOWN | {"c_hub": {"prior": "uniform", "low": 0.05, "high": high, "start": 0.09}}

@@ -111,9 +111,6 @@ def test_commands_end_with_status_3(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert "sd if residuals remember (sandwich)" in summary
     for row in analysis["unknowns"]:
         assert f"{analysis['sandwich'][row['name']] / row['sd']:.3g}" in summary
-    for status, *arguments in (
-        (3, "identify", config, "--at-map"),
-        (0, "identify", config),
-    ):
+    for status, *arguments in ((3, "identify", config, "--at-map"), (0, "identify", config)):
         result = command_line.cli(*arguments)
         assert result.status == status, result.text

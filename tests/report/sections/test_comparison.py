@@ -13,11 +13,7 @@ from bayesdrill.analysis.prediction import HeldOutScore, LooScore
 from bayesdrill.inference.display_units import SI
 from bayesdrill.report.findings import Finding
 from bayesdrill.report.sections.comparison import predicted
-from bayesdrill.report.sections.overlay import (
-    farthest,
-    intervals_figure,
-    overlay_table,
-)
+from bayesdrill.report.sections.overlay import farthest, intervals_figure, overlay_table
 
 
 def test_marks_of_models_stand_where_the_numbers_are() -> None:
