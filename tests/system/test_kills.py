@@ -36,15 +36,14 @@ def start(
     return command_line.start_process(*arguments, cwd=config.parent, **pipes)
 
 
-def wait_for(
-    process: subprocess.Popen[str], ready: Callable[[], object], seconds: float = 60
-) -> None:
-    """Wait until `ready` while the process lives."""
+def wait_for[T](process: subprocess.Popen[str], ready: Callable[[], T], seconds: float = 60) -> T:
+    """Wait until `ready` while the process lives, and return its result."""
     end = time.monotonic() + seconds
-    while not ready():
+    while not (result := ready()):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < end
         time.sleep(0.002)
+    return result
 
 
 def group(leader: int, command: bytes = b"") -> list[int]:
@@ -272,8 +271,8 @@ def test_a_killed_worker_ends_the_command_with_a_message(
         *command.split(), target, *options, "--processes", "2", cwd=tmp_path
     )
     started.append(process)
-    wait_for(process, lambda: workers(process.pid))
-    os.kill(workers(process.pid)[0], signal.SIGKILL)
+    worker, *_ = wait_for(process, lambda: workers(process.pid))
+    os.kill(worker, signal.SIGKILL)
     _, err = process.communicate(timeout=30)
     assert process.returncode == 2, err
     assert "Traceback" not in err
