@@ -126,9 +126,10 @@ def refit_candidate(
     surface, coordinates = CountingDensity(posterior), posterior.coordinates
     physical = _starts(posterior, initial, single, starts)
     rows = np.clip(coordinates.from_physical(physical), surface.low, surface.high)
-    nearest = rows[[np.argmax(surface.value(rows))]] if single else rows[:1]
-    hopeful = not single or _can_reach(surface, nearest, records, rival)
-    first_steps, rows = (FIRST_STEPS, rows) if hopeful else (0, nearest)
+    if single:  # the best start comes first
+        rows = rows[np.argsort(-surface.value(rows), kind="stable")]
+    hopeful = not single or _can_reach(surface, rows[:1], records, rival)
+    first_steps, rows = (FIRST_STEPS, rows) if hopeful else (0, rows[:1])
     first = gauss_newton(surface, rows, first_steps, merged=MERGED)
     if not np.isfinite(first.value).any():
         return None

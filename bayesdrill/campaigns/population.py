@@ -129,8 +129,7 @@ def sample_population(
         checked = assess(theta, names, targets, measured=length)
         if checked.converged or wanted >= settings.max_sweeps:
             break
-        reached = min(length.n_tau / targets.n_tau, float(np.min(checked.ess_bulk)) / targets.ess)
-        progress = min(reached, 1.0) / wanted
+        progress = checked.progress(targets) / wanted
         wanted = max(length.next_check(wanted, targets.n_tau), int(1.25 * wanted))
     report.update(1.0, "")
     first, end = -(-checked.burn_in // stride), len(kept[0])

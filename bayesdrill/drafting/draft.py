@@ -221,8 +221,8 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
     v, w = voltage or DEFAULT_VOLTAGE, speed or DEFAULT_SPEED
     r, k = v / current if current else DEFAULT_RESISTANCE, v / w
     widening = 1.0 if train is None and (torque or (voltage and current)) else WIDENING
-    more = f", and {WIDENING:g} times more for resistances, torques and inertias"
-    more = "" if widening == 1 else more
+    wider = f", and {WIDENING:g} times more for resistances, torques and inertias"
+    more = wider if widening > 1 else ""
     torque = torque or k * v / r
     j = torque / w
     ends = {

@@ -261,6 +261,11 @@ class Convergence(ChainLength):
         """Return whether there is no reason to distrust the result."""
         return not self.reasons
 
+    def progress(self, targets: Targets) -> float:
+        """Return N/tau or ESS divided by its target, whichever ratio is smaller, and at most 1."""
+        ess_ratio = float(self.ess_bulk.min()) / targets.ess
+        return min(self.n_tau / targets.n_tau, ess_ratio, 1.0)
+
 
 def burn_in_wanted(late_tau: float) -> int:
     """Return the number of burn-in steps, given the longest tau of the chain's second half."""

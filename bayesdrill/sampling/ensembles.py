@@ -376,10 +376,7 @@ def _run_until_converged(under_way: _Walk, step_limit: int, report: Reporter) ->
         if goal >= have and (ending or measured.n_tau >= plan.targets.n_tau):
             sampled = _assess(posterior, plan, under_way.segments, theta, measured)
             convergence = sampled.convergence
-            # The progress bar shows N/tau or ESS divided by its target, whichever ratio is smaller.
-            n_tau_share = convergence.n_tau / plan.targets.n_tau
-            ess_share = float(np.min(convergence.ess_bulk)) / plan.targets.ess
-            done = min(float(np.clip(min(n_tau_share, ess_share), 0.0, 0.99)), goal / following)
+            done = min(convergence.progress(plan.targets), 0.99, goal / following)
             report.update(done, _state_of(convergence))
             if hopeless is not None and not convergence.converged:
                 reasons = (*convergence.reasons, hopeless)
