@@ -163,7 +163,7 @@ REJECTED_SHARE = 0.01  # probability of rejecting the table although the rig agr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EquivalentExplanation:
-    """With an additional `parameter`, the nominal table explains the record as well as the MAP does.
+    """The nominal table explains the record as well as the MAP does, if a `parameter` is added.
 
     With this `value` [SI] all nominal values hold.  `lost` is the log likelihood of the MAP without
     the parameter, minus that of the table with the parameter; it is negative if the table fits better.

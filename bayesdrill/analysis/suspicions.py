@@ -263,7 +263,7 @@ MIN_SHIFT_SDS = 0.5  # smallest shift of an unknown, in sds, that is reported
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputTiming:
-    """If inputs came `seconds` later, estimates of unknowns would move by these `shifts`, in sds."""
+    """Estimates of unknowns would move by `shifts`, in sds, if the inputs came `seconds` later."""
 
     seconds: float
     shifts: tuple[tuple[str, float], ...]

@@ -116,7 +116,7 @@ class LimitCheck:
 
 
 class LimitPenalty:
-    """For a linear rig, the penalty sums squared excesses over limits at draws `theta (W, D)`.
+    """The penalty of a linear rig sums squared excesses over limits at draws `theta (W, D)`.
 
     States are linear in the levels, so the integral of a power [W] is a quadratic form.  Limits
     without an integral are checked at some instants of each hold interval, mostly near its start.
