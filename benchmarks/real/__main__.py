@@ -19,7 +19,8 @@ import numpy as np
 import bayesdrill as bd
 from bayesdrill.inference import residual_checks
 from bayesdrill.report.sections.nominal import quantity_name, verdict_sentence
-from benchmarks.real.benches import BENCHES, HERE, Bench, File
+from benchmarks.real.bench import HERE, Bench, File
+from benchmarks.real.benches import BENCHES
 
 SECONDS = 60.0  # that a server may take
 

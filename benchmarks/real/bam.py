@@ -1,14 +1,10 @@
-"""A servo with a pendulum (BAM): its records as CSV, and what each of five models leaves of them.
+"""A servo with a pendulum (BAM): what each of five models leaves of its records.
 
 `python -m benchmarks.real.bam` fits the models to all records, and two of them by gain (minutes).
-Records are JSON with a clock of 5.1 to 7.1 ms.  `load` is the duty in 885ths, as an unsigned number
-of 16 bits.  On the even clock of a CSV the angle is straight between its samples; a step has the
-mean of the voltage, duty times supply, which is held between samples.
 """
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -18,35 +14,12 @@ from ruamel.yaml import YAML
 
 import bayesdrill as bd
 from bayesdrill.inference import residual_checks
-from benchmarks.real import benches
+from benchmarks.real.bam_records import convert_all
+from benchmarks.real.bench import HERE
+from benchmarks.real.servos import BAM
 
-STEP = 0.02  # s
-BUILD = benches.HERE / "build"
+BUILD = HERE / "build"
 GAINS = (100, 200, 400, 800)
-
-
-def convert(source: Path, folder: Path) -> Path:
-    """Write time [s], angle [rad] and voltage [V] of the stretch in which the motor is on."""
-    record = json.loads(source.read_text(encoding="utf-8"))
-    on = [entry for entry in record["entries"] if entry["torque_enable"]]
-    t, angle, load, supply = (
-        np.array([entry[name] for entry in on], float)
-        for name in ("timestamp", "position", "load", "input_volts")
-    )
-    voltage = np.where(load > 32767, load - 65536, load) / 885 * supply
-    grid = np.arange(t[0], t[-1], STEP)
-    area = np.interp(grid, t, np.concatenate([[0.0], np.cumsum(voltage[:-1] * np.diff(t))]))
-    table = np.column_stack([grid - grid[0], np.interp(grid, t, angle)])[:-1]
-    target = folder / f"kp{record['kp']}_{record['trajectory']}.csv"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    table = np.column_stack([table, np.diff(area) / STEP])
-    np.savetxt(target, table, "%.6f", ",", header="t,angle,voltage", comments="")
-    return target
-
-
-def convert_all(bench: benches.Bench) -> None:
-    for file in bench.files:
-        convert(bench.place(file), BUILD / "bam")
 
 
 def variant(config: Path, *, dry: bool, eta: bool, own: bool, noise: str, gain: int = 0) -> Path:
@@ -97,8 +70,7 @@ def fitted(path: Path) -> str:
 
 
 def main() -> None:
-    bench = next(bench for bench in benches.BENCHES if bench.name == "bam")
-    convert_all(bench)
+    convert_all(BAM)
     dry: dict[str, Any] = {"dry": True, "eta": False, "own": False, "noise": "white"}
     models: dict[str, dict[str, Any]] = {
         "linear": {**dry, "dry": False},
@@ -112,7 +84,7 @@ def main() -> None:
     for name in ("dry friction", "eta"):
         models |= {f"{name}, gain {gain}": {**models[name], "gain": gain} for gain in GAINS}
     for name, parts in models.items():
-        print(f"{name}: {fitted(variant(bench.config, **parts))}", flush=True)
+        print(f"{name}: {fitted(variant(BAM.config, **parts))}", flush=True)
 
 
 if __name__ == "__main__":

@@ -17,9 +17,11 @@ from ruamel.yaml import YAML
 
 import bayesdrill as bd
 from bayesdrill.campaigns.fit import PopulationFit
-from benchmarks.real import benches
+from benchmarks.real.bam_records import convert_all
+from benchmarks.real.bench import DATA, HERE
+from benchmarks.real.servos import BAM
 
-BUILD = benches.HERE / "build"
+BUILD = HERE / "build"
 SERVO = """
 record:
   time: {variable: data, column: 1, unit: s}
@@ -51,19 +53,19 @@ class MeasuredCampaign:
 
 def single(name: str) -> dict[str, Any]:
     """Return the config of a bench of several records, as that of one of them."""
-    entries: dict[str, Any] = YAML(typ="safe").load(benches.HERE / f"{name}.yaml")
+    entries: dict[str, Any] = YAML(typ="safe").load(HERE / f"{name}.yaml")
     return {key: x for key, x in entries.items() if key not in ("experiments", "own", "shared")}
 
 
 def servo() -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    files = [benches.DATA / "hsm150_servo" / f"idf_pos_0.065_{k}.mat" for k in (1, 2, 3)]
+    files = [DATA / "hsm150_servo" / f"idf_pos_0.065_{k}.mat" for k in (1, 2, 3)]
     return YAML(typ="safe").load(SERVO), [{"file": str(file)} for file in files]
 
 
 def waterloo() -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Square waves of 1.5 and 2 V, and sines of 2.5 V up to 5 Hz, above which little is determined."""
     names = ["2", "1_5", *(f"sine_{each}" for each in SINES)]
-    folder = benches.DATA / "flexible_drive_waterloo_2022"
+    folder = DATA / "flexible_drive_waterloo_2022"
     return single("waterloo"), [
         {"file": str(folder / f"velocity_response_{name}.mat"), "name": name} for name in names
     ]
@@ -71,10 +73,9 @@ def waterloo() -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 def servo_with_pendulum() -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """The motor warms up from 28 to 39 degrees, while the gain rises from 100 to 800."""
-    bench, runs = next(bench for bench in benches.BENCHES if bench.name == "bam"), []
-    if bench.prepare:
-        bench.prepare(bench)
-    for source in map(bench.place, bench.files):
+    convert_all(BAM)
+    runs = []
+    for source in map(BAM.place, BAM.files):
         record = json.loads(source.read_text("utf-8"))
         file = BUILD / "bam" / f"kp{record['kp']}_{record['trajectory']}.csv"
         on = [entry["temp"] for entry in record["entries"] if entry["torque_enable"]]
@@ -133,8 +134,8 @@ def describe(population: PopulationFit) -> str:
 
 
 def main() -> None:
-    if not benches.DATA.is_dir():
-        print(f"skipped, {benches.DATA} is not there; `benchmarks.real --fetch` gets most of it")
+    if not DATA.is_dir():
+        print(f"skipped, {DATA} is not there; `benchmarks.real --fetch` gets most of it")
         return
     for campaign in CAMPAIGNS:
         if campaign.name in sys.argv[1:] or len(sys.argv) == 1:

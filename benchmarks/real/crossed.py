@@ -22,7 +22,8 @@ from ruamel.yaml import YAML
 
 import bayesdrill as bd
 from bayesdrill.inference import residual_checks
-from benchmarks.real.benches import HERE, TOKYO, WATERLOO, Bench
+from benchmarks.real.bench import HERE, Bench
+from benchmarks.real.benches import TOKYO, WATERLOO
 
 TOGETHER = "together"
 LINES_FROM = 5  # s: what came before is not steady yet

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import statistics
 
-from benchmarks.real import bam
-from benchmarks.real.benches import Bench, Criterion, File, Values
+from benchmarks.real import bam_records
+from benchmarks.real.bench import Bench, Criterion, File, Values
 
 
 def _bam(minute: str, digest: str) -> File:
@@ -26,7 +26,7 @@ BAM = Bench(
     commit="af2260462471ff45ac18af159b1327ea51d8db15",
     licence="Apache-2.0",
     published="k_T/R 0.068 (m1, 2026-02) and 0.096 (m1, 2026-07)",
-    prepare=bam.convert_all,
+    prepare=bam_records.convert_all,
     files=(
         _bam("28m10", "e58f3c2a08a5e0e37a2c5e930d0830a438bc102b8d21482767124f495b92f2ce"),
         _bam("28m17", "ef6507934ba465eb31529d7d98715ecc70bd5c87be049fd4618a94ce39290569"),

@@ -10,7 +10,8 @@ from support.case_tables import run_cases
 
 from bayesdrill.config import loading
 from benchmarks.real import __main__ as real
-from benchmarks.real.benches import BENCHES, EPFL, WATERLOO, Bench, File
+from benchmarks.real.bench import Bench, File
+from benchmarks.real.benches import BENCHES, EPFL, WATERLOO
 
 
 @run_cases("bench", BENCHES)
