@@ -5,12 +5,18 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from bayesdrill.analysis.causes import SCALE, TORQUE
 from bayesdrill.config.job import Job
 from bayesdrill.config.yaml_source import as_yaml
-from bayesdrill.selection.changes import AR1, BOTH, LINEAR, NOTHING, START, Change, Setting
+from bayesdrill.selection.absorbing_changes import absorbing_changes
+from bayesdrill.selection.change import AR1, BOTH, LINEAR, NOTHING, START, Change
 from bayesdrill.selection.config_edits import SHARED, Entries, merged
+from bayesdrill.selection.measuring_changes import changed_columns, changed_times, widened_priors
+from bayesdrill.selection.physics_changes import added_inertias, added_physics
+from bayesdrill.selection.scales import scale_entries
+from bayesdrill.selection.setting import Setting
 
 MOST_PARTS = 8  # largest number of changes in a candidate
 NOT_OF_MODEL = ("map", "sampler", "output", "simulation")  # entries without effect on the posterior
@@ -74,6 +80,15 @@ class CandidateModel:
 
 class CandidateModels(Setting):
     """The class builds candidate models from the changes of a setting."""
+
+    @cached_property
+    def changes(self) -> dict[str, Change]:
+        """Return all changes by name, in the order in which they are tried."""
+        scales = (Change(*entries) for entries in scale_entries(self.job))
+        measuring = (*widened_priors(self), *changed_columns(self), *changed_times(self))
+        physics = (*added_physics(self), *added_inertias(self))
+        every = (*scales, *measuring, *physics, *absorbing_changes(self))
+        return {change.name: change for change in every if change.entries}
 
     def rungs(self, combinations: Iterable[tuple[str, ...]]) -> list[CandidateModel]:
         """Return a candidate for each combination of names whose changes all exist."""

@@ -35,7 +35,7 @@ from bayesdrill.config.job import Job
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.selection.candidates import CandidateModel, CandidateModels
-from bayesdrill.selection.changes import GEAR, LATER, START, WIDENED
+from bayesdrill.selection.change import GEAR, LATER, START, WIDENED
 
 Submit = Callable[..., Future[Any]]  # submits a function and its arguments
 PAIRED = 4  # all pairs of this many best candidates are tried
