@@ -59,14 +59,14 @@ class FrictionMotion:
     @property
     def slowest(self) -> float:
         """Return the smallest speed after the speed has first reached half of its maximum."""
-        size = np.abs(self.speed) * self.gear
+        size = np.abs(self.speed * self.gear)
         first = int(np.argmax(size >= 0.5 * size.max()))
         return float(size[first:].min())
 
     @property
     def fastest(self) -> float:
         """Return the greatest speed."""
-        return float(np.abs(self.speed).max() * self.gear)
+        return float(np.abs(self.speed * self.gear).max())
 
 
 def friction_motions(
@@ -86,15 +86,17 @@ def _friction_motions(observation: Observation, full: Array) -> Iterator[Frictio
         speed = motion.states[0, :, rig.model.states.index(friction.against)]
         inertia = rig.model.roles.at_friction(friction.against, friction.where)
         still = speed == 0.0
+        gear = 1.0 if inertia is None else 1.0 / inertia.reduction
+        efforts = motion.efforts[:, :, e] * np.sign(gear)
         yield FrictionMotion(
             friction=friction,
             label=observation.label,
             t=np.asarray(rig.experiment.t),
             speed=speed,
-            effort=motion.efforts[0, :, e],
+            effort=efforts[0],
             sticks=np.append(still[:-1] & still[1:], False),
-            efforts=motion.efforts[1:, :, e],
-            gear=1.0 if inertia is None else 1.0 / inertia.reduction,
+            efforts=efforts[1:],
+            gear=gear,
         )
 
 
@@ -116,7 +118,7 @@ def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Arra
     p = {name: arguments[:, k, None] for k, name in enumerate(rig.model.parameters)}
     seen = {**_law_inputs(rig, friction, arguments[:1]), DIRECTION: np.sign(speeds)}
     sizes = friction.law.size(p, np.abs(speeds), seen)
-    signed = np.broadcast_to(sizes, (len(arguments), len(speeds))) * np.sign(speeds)
+    signed = np.broadcast_to(sizes, (len(arguments), len(speeds))) * np.sign(speeds * rubbing.gear)
     return FrictionCurve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))
 
 
