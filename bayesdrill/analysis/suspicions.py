@@ -194,11 +194,19 @@ def _pairs(experiment: Experiment, model: Model) -> Iterator[Finding]:
         ratio = _ratio(angle, speed, model.roles.speeds)
         if ratio is None:
             continue
-        both = ~np.isnan(a) & ~np.isnan(w)
-        if np.sum(both) > 2:
-            t, turned = experiment.t[both], w[both] * ratio
-            yield from _pair(angle.name, a[both], speed.name, turned, t, model.gear_ratio)
-        if both.all() and experiment.uniform and anomalies.differenced(a, w, experiment.dt):
+        # A log may have them at different times, so both are interpolated.
+        t_a, t_w = experiment.t[~np.isnan(a)], experiment.t[~np.isnan(w)]
+        if min(len(t_a), len(t_w)) > 2:
+            begin, end = max(t_a[0], t_w[0]), min(t_a[-1], t_w[-1])
+            t = experiment.t[(experiment.t >= begin) & (experiment.t <= end)]
+            angles = np.interp(t, t_a, a[~np.isnan(a)])
+            turned = np.interp(t, t_w, w[~np.isnan(w)]) * ratio
+            yield from _pair(angle.name, angles, speed.name, turned, t, model.gear_ratio)
+        if (
+            len(t_a) == len(t_w) == len(experiment.t)
+            and experiment.uniform
+            and anomalies.differenced(a, w, experiment.dt)
+        ):
             yield Finding("differentiated angle", {"angle": angle.name, "speed": speed.name})
 
 

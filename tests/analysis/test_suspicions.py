@@ -86,8 +86,10 @@ FACTORS = {"57.3": 1 / DEGREE, "9.55": 1 / RPM, "6.28": 2 * np.pi, "8": 8.0, "10
 
 @run_cases("name, turn", [(name, turn) for name in FACTORS for turn in (1, -1)])
 def test_a_wrong_unit_of_one_of_two_columns_shows_without_a_model(name: str, turn: int) -> None:
-    factor = FACTORS[name] ** turn
-    record = experiment(TIMES, theta_1=factor * (SWING + NOISE), w_1=SPEED + NOISE)
+    factor = FACTORS[name] ** turn  # below one, each sample of one is between two of the other
+    blank = np.where(np.arange(len(TIMES)) % 2, np.nan if turn < 0 else 0.0, 0.0)
+    angle, speed = factor * (SWING + NOISE) + blank, SPEED + NOISE + np.roll(blank, 1)
+    record = experiment(TIMES, theta_1=angle, w_1=speed)
     (text,) = said(record, gear=0.125)
     assert text.startswith("unit: theta_1 grows ")
     assert float(text.split()[3]) == pytest.approx(factor, rel=0.01)
