@@ -130,8 +130,9 @@ def parse_head(head: str, unit_below: str = "") -> Meaning:
         return Meaning()
     base, unit, unknown_unit = _split_unit(head)
     if unit_below and not unit:
-        unit = parse_unit(unit_below)
-        unknown_unit = "" if unit else unit_below
+        bare = re.sub(r"^\s*[\[(](.*)[\])]\s*$", r"\1", unit_below)
+        unit = parse_unit(bare)
+        unknown_unit = "" if unit else bare
     tokens = _tokens(base)
     if base in STATES and not unknown_unit:
         kind, location = STATES[base]

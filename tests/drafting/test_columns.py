@@ -32,7 +32,7 @@ def test_a_row_of_units_completes_a_head_and_a_unit_of_no_turn_is_unknown() -> N
     assert parse_head("theta_1 [counts]").unknown_unit == "counts"
     assert parse_head("position [mm]").kind == "position"  # of what moves along a line
     assert parse_head("w [rpm]", "ignored").unit == "rpm"
-    assert parse_head("w", "[rpm]").unit == "rpm"
+    assert (parse_head("w", "[rpm]").unit, parse_head("t", "[%]").unknown_unit) == ("rpm", "%")
 
 
 @run_cases(
