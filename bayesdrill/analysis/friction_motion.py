@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -124,16 +124,9 @@ def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Arra
 
 def _law_inputs(rig: Simulator, friction: Friction, arguments: Array) -> dict[str, Array]:
     """Return the rms of each input of the law and, if the law has two angles, of their difference."""
-    states, experiment, sensing = rig.model.states, rig.experiment, rig.sensing
-
-    def sensor_value(names: Mapping[str, str], name: str, default: float) -> float:
-        return float(rig.sensors.column(names[name], arguments)[0]) if name in names else default
-
-    values = {}
-    for name in (n for n in friction.law.seen if n not in (*states, DIRECTION)):
-        u = experiment.series.get(name, np.array(experiment.constant.get(name, 0.0)))
-        gain = sensor_value(sensing.input_gains, name, 1.0)
-        values[name] = _rms(gain * u + sensor_value(sensing.input_offsets, name, 0.0))
+    states = rig.model.states
+    inputs = (name for name in friction.law.seen if name not in (*states, DIRECTION))
+    values = {name: _rms(rig.sensors.acting_input(name, arguments)) for name in inputs}
     angles = [name for name in friction.law.seen if name in states]
     if len(angles) == 2:
         motion = rig.motion(arguments).states[0]

@@ -20,6 +20,7 @@ MIN_VARIANCE_RATIO = 1.5  # smallest residual variance of a speed without the in
 MIN_R_SQUARED = 0.5  # R^2 of the regression of a speed, below which its sign is not judged
 TURNED_CORRELATION = -0.9  # correlation of two angles, below which one of them counts backwards
 FALLING_CORRELATION = -0.5  # correlation below which the speed falls while the input rises
+MAX_GOAL_RATIO = 5.0  # largest plausible ratio of a servo's angle and its goal
 ONE_WAY_SHARE = 0.98  # smallest fraction of samples on one side of zero if a rig turns one way
 MAX_PERIOD = 20  # largest number of rows between two measured values of a slower sensor
 MIN_HELD_SHARE = 0.9  # smallest fraction of runs of equal values that have the typical length
@@ -44,8 +45,10 @@ def findings_of_record(
         yield from _odd_cells(channel.name, y)
     for name in sorted({*experiment.series} | {*experiment.constant}):
         driven = model.roles.moved(name)
-        if driven is not None and driven[1] != "speed":
-            yield from _motion(name, driven[0], moving, experiment, model, unknowns)
+        if driven is None or driven[1] == "speed":
+            continue
+        odd = [*_pursuit(name, driven[0], moving, experiment)] if driven[1] == "goal" else []
+        yield from odd or _motion(name, driven[0], moving, experiment, model, unknowns)
 
 
 def _odd_cells(name: str, y: Array) -> Iterator[Finding]:
@@ -110,6 +113,37 @@ def _motion(
         yield from _one_direction(names, inertia, model, unknowns)
 
 
+def _pursuit(
+    goal: str, inertia: InertiaRoles, columns: Sequence[tuple[Channel, Array]], of: Experiment
+) -> Iterator[Finding]:
+    """Yield a finding if an angle follows its goal with another sign or unit.
+
+    The speed of a servo is about a goal - b angle + c, and a / b is near one.
+    """
+    for channel, y in columns:
+        known, weight = ~np.isnan(y), channel.weights.get(inertia.angle, 0.0) * inertia.reduction
+        moving = sum(map(bool, channel.weights.values()))
+        if goal not in of.series or weight == 0 or moving > 1 or np.sum(known) < MIN_SAMPLES:
+            continue
+        t, angle, u = of.t[known], y[known] / weight, of.series[goal][known]
+        causes = [integral(angle, np.diff(t)), t - t[0], integral(u, np.diff(t))]
+        _, without = linear_fit(angle, causes[:-1])
+        (b, _, a, _), residual = linear_fit(angle, causes)
+        if not _is_clear(angle, without, residual) or b >= 0:
+            continue
+        times, names = float(-a / b), {"channel": channel.name, "input": goal}
+        if times < 0:
+            yield Finding("opposite signs", names)
+        elif not 1 / MAX_GOAL_RATIO < times < MAX_GOAL_RATIO:
+            yield Finding("unit of a goal", names, {"times": times})
+
+
+def _is_clear(y: Array, without: float, residual: float) -> bool:
+    """Return whether a regression of `y` is good, and needs the input that it is fitted `without`."""
+    is_good = residual < (1 - MIN_R_SQUARED) * float(np.var(y))
+    return is_good and without > MIN_VARIANCE_RATIO * residual
+
+
 def _one_direction(
     names: Mapping[str, str], inertia: InertiaRoles, model: Model, unknowns: Collection[str]
 ) -> Iterator[Finding]:
@@ -155,9 +189,7 @@ def _response(w: Array, angle: Array, u: Array, others: Sequence[Array], t: Arra
     causes = [cause[every] for cause in (angle, t - t[0], *integrals)]
     _, without = linear_fit(w[every], causes[:-1])
     slopes, residual = linear_fit(w[every], causes)
-    total = float(np.var(w))
-    clear = without > MIN_VARIANCE_RATIO * residual and residual < (1 - MIN_R_SQUARED) * total
-    return float(np.sign(slopes[-2])) if clear else 0.0
+    return float(np.sign(slopes[-2])) if _is_clear(w[every], without, residual) else 0.0
 
 
 def _correlation(x: Array, y: Array) -> float:

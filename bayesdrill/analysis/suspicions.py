@@ -50,8 +50,10 @@ FEW, ALL = 3, 50  # numbers of positions of an anomaly in a report, and in the o
 
 def suspicions_of_problem(problem: Problem, max_positions: int = FEW) -> Iterator[Finding]:
     """Yield findings on columns and units, and anomalies with at most `max_positions` positions each."""
+    space = problem.posterior.space
+    full = space.full(space.vector(space.start)[None])
     for observation in problem.observations:
-        experiment = observation.experiment
+        experiment = _without_gains(observation, full)
         label = {"experiment": observation.label} if observation.label else {}
         factors = [channel.factor for channel in experiment.channels]
         odd = [
@@ -63,6 +65,20 @@ def suspicions_of_problem(problem: Problem, max_positions: int = FEW) -> Iterato
         for finding in (*odd, *general, *columns):
             yield replace(finding, names={**finding.names, **label})
     yield from suspicions_of_start(problem)
+
+
+def _without_gains(observation: Observation, full: Array) -> Experiment:
+    """Return the record without the gains of sensors, at parameters `full (1, P)`."""
+    experiment, sensors = observation.experiment, observation.response.sensors
+    row, names = observation.simulator_parameters(full), sensors.sensing.gains
+    series = {name: sensors.acting_input(name, row) for name in experiment.series}
+    y, channels = experiment.y.copy(), [*experiment.channels]
+    for k, channel in enumerate(channels):
+        if channel.name in names:
+            gain = float(sensors.column(names[channel.name], row)[0])
+            y[:, k] /= gain
+            channels[k] = replace(channel, factor=channel.factor / gain)
+    return replace(experiment, y=y, channels=tuple(channels), series=series)
 
 
 def suspicions_of_record(
