@@ -21,7 +21,7 @@ MIN_R_SQUARED = 0.5  # R^2 of the regression of a speed, below which its sign is
 TURNED_CORRELATION = -0.9  # correlation of two angles, below which one of them counts backwards
 FALLING_CORRELATION = -0.5  # correlation below which the speed falls while the input rises
 MAX_GOAL_RATIO = 5.0  # largest plausible ratio of a servo's angle and its goal
-ONE_WAY_SHARE = 0.98  # smallest fraction of samples on one side of zero if a rig turns one way
+ONE_WAY_SHARE = 0.98  # smallest fraction of all motion in one direction if a rig turns one way
 MAX_PERIOD = 20  # largest number of rows between two measured values of a slower sensor
 MIN_HELD_SHARE = 0.9  # smallest fraction of runs of equal values that have the typical length
 MIN_STEP_DIGITS = 3.0  # least typical step, in last digits; a slow angle changes by one digit
@@ -94,7 +94,8 @@ def _motion(
     others = [x for name, x in experiment.series.items() if name != drive]
     by_time = [np.interp(t, experiment.t, x) for x in others]
     response = sign * _response(w, angle, u, by_time, t)
-    one_way = float(np.mean(w * np.sign(w.sum()) > 0)) > ONE_WAY_SHARE
+    travel = float(np.abs(w).sum())
+    one_way = float(np.maximum(w * np.sign(w.sum()), 0.0).sum()) > ONE_WAY_SHARE * travel
     one_way &= bool(np.all(u >= 0) or np.all(u <= 0)) and bool(np.any(u))
     names = {"channel": channel.name, "input": drive}
     # From rest, a drive feeds in more energy than it takes back, whatever controls it.

@@ -15,7 +15,7 @@ RNG = np.random.default_rng(3)
 N, DT = 1200, 0.01
 T = DT * np.arange(N)
 SQUARE = 6.0 * np.sign(np.sin(2 * np.pi * 0.4 * T + 0.1))
-STEPS = 4.0 + 2.0 * np.sign(np.sin(2 * np.pi * 0.4 * T + 0.1))  # of one sign
+STEPS = np.where(T < 3.0, 0.0, 4.0 + SQUARE / 3.0)  # of one sign, after a rest
 NOISE = RNG.normal(0.0, 0.2, N)
 
 
