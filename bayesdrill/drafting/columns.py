@@ -41,6 +41,7 @@ _UNITS_OF_KIND = {
         "s": "s sec secs second seconds sek sekunden segundos",
         "ms": "ms msec millis milliseconds millisekunden",
         "us": "us µs μs usec micros microseconds",
+        "ns": "ns nsec nanos nanoseconds nanosec",
     },
     "torque": {"N*m": "nm n*m n·m n.m n-m", "mN*m": "mnm"},
     "force": {"N": "n newton"},
