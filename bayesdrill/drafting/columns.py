@@ -325,6 +325,8 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
         kind, location = (KIND_OF_LETTER[train[1]], "") if train else _NAMES[symbol]
         meaning = Meaning(kind, location, symbol=symbol, kind_word=symbol)
     unit = parse_unit(written) if written else meaning.unit
+    if train and train[1] == "goal" and kind_of(unit) == "position":  # of a motion along a line
+        meaning = dataclasses.replace(meaning, kind="position")
     understood = meaning.symbol or {*_tokens(symbol)} <= _WORDS
     fits = understood and meaning.kind and (not (unit or written) or kind_of(unit) == meaning.kind)
     if match is None or not fits:
