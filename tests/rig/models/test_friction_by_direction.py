@@ -77,11 +77,3 @@ def test_static_friction_backwards_is_at_least_the_sliding_one() -> None:
     assert not weak_statics(train, LAWS["static"])
     weak = {**LAWS["static"], "t_s_arm_backward": 0.05}
     assert [*weak_statics(train, weak)] == ["t_s_arm_backward"]
-
-
-def test_what_has_no_direction_keeps_its_law() -> None:
-    """Its size is one number, so that kernels of such rigs are those that they were."""
-    (plain,) = with_named(ARM, ["t_c_arm", "c_arm"]).frictions
-    (by_direction,) = with_named(ARM, [*COULOMB]).frictions
-    assert plain.law.seen == ()
-    assert by_direction.law.seen == ("direction",)

@@ -88,6 +88,7 @@ def oracle(values: dict[str, float]) -> Servo:
 
 def test_a_servo_without_a_limit_is_a_linear_closed_loop() -> None:
     """`J w' = (k/r) (supply duty (k_p (goal - theta) - k_d w) - k_e w)`, in exact steps."""
+    assert Train(inertias=("a", "b"), drives={"a": "servo", "b": "servo"}).smooth
     made, full = response(ARM, PLAIN, 20)
     assert isinstance(made, Response)
     v = PLAIN
@@ -184,21 +185,6 @@ def test_gains_and_offsets_of_inputs_act_on_the_supply_and_on_the_speed_of_the_g
     own = [{"a": 0.8, "b": -0.5, "c": 0.5}[name] for name in sensing.names]
     found = shown.signals(np.array([[*full[0], *own]]))
     assert found == pytest.approx(made.signals(full), abs=1e-12)
-
-
-def test_only_one_servo_of_a_train_may_saturate() -> None:
-    drives = {"a": "servo", "b": "servo"}
-    assert Train(inertias=("a", "b"), drives=drives).smooth
-    with pytest.raises(InputError, match="only one servo of a train"):
-        Train(inertias=("a", "b"), drives=drives, added=("limit_a", "band_b"))
-    with pytest.raises(InputError, match="only one servo of a train"):
-        Train(inertias=("a", "b"), drives={"a": {"servo": 12}, "b": "servo"}, added=("limit_b",))
-
-
-@run_cases("entry", [{"servo": 0}, {"servo": "12"}, {"voltage": 12}, {"servo": 12, "k_p": 1}, {}])
-def test_a_usual_supply_is_a_number_of_a_servo(entry: dict[str, object]) -> None:
-    with pytest.raises(InputError, match=r"write `servo` or, if the supply is measured"):
-        Train(inertias=("arm",), drives={"arm": entry})
 
 
 def test_a_measured_supply_of_a_servo_without_a_usual_one_is_refused_with_its_entry(
