@@ -45,10 +45,8 @@ def findings_of_record(
         yield from _odd_cells(channel.name, y)
     for name in sorted({*experiment.series} | {*experiment.constant}):
         driven = model.roles.moved(name)
-        if driven is None or driven[1] == "speed":
-            continue
-        odd = [*_pursuit(name, driven[0], moving, experiment)] if driven[1] == "goal" else []
-        yield from odd or _motion(name, driven[0], moving, experiment, model, unknowns)
+        if driven is not None and driven[1] != "speed":
+            yield from _motion(name, *driven, moving, experiment, model, unknowns)
 
 
 def _odd_cells(name: str, y: Array) -> Iterator[Finding]:
@@ -76,12 +74,13 @@ def _odd_cells(name: str, y: Array) -> Iterator[Finding]:
 def _motion(
     drive: str,
     inertia: InertiaRoles,
+    kind: str,
     columns: Sequence[tuple[Channel, Array]],
     experiment: Experiment,
     model: Model,
     unknowns: Collection[str],
 ) -> Iterator[Finding]:
-    """Yield findings on the motion of an inertia that the input `drive` drives."""
+    """Yield findings on the motion of an inertia that the input `drive` of a `kind` drives."""
     speeds = model.roles.speeds
     motions = [(c, *m) for c, y in columns if (m := _motion_of(c, y, experiment.t, speeds))]
     driven = [motion for motion in motions if motion[1] == inertia.speed]
@@ -93,16 +92,24 @@ def _motion(
     u = np.interp(t, experiment.t, experiment.series.get(drive, constant))
     others = [x for name, x in experiment.series.items() if name != drive]
     by_time = [np.interp(t, experiment.t, x) for x in others]
-    response = sign * _response(w, angle, u, by_time, t)
+    effect, back = _effects(w, angle, u, by_time, t)
+    if kind == "goal":  # a servo has w = a goal - b angle, with a / b near one
+        effect, back = _effects(angle, integral(angle, np.diff(t)), u, by_time, t)
+    response = sign * float(np.sign(effect))
     travel = float(np.abs(w).sum())
     one_way = float(np.maximum(w * np.sign(w.sum()), 0.0).sum()) > ONE_WAY_SHARE * travel
     one_way &= bool(np.all(u >= 0) or np.all(u <= 0)) and bool(np.any(u))
     names = {"channel": channel.name, "input": drive}
     # From rest, a drive feeds in more energy than it takes back, whatever controls it.
     fed = sign * float(np.sum(u * w))
-    if response < 0 and fed < 0:
+    if response < 0 and (fed < 0 or kind == "goal"):
         yield Finding("opposite signs", names)
         return
+    times = (
+        -effect / (back * inertia.reduction * sum(channel.weights.values())) if back < 0 else 1.0
+    )
+    if kind == "goal" and response > 0 and not 1 / MAX_GOAL_RATIO < times < MAX_GOAL_RATIO:
+        yield Finding("unit of a goal", names, {"times": times})
     if response < 0 and one_way and sign * _correlation(u, w) < FALLING_CORRELATION:
         yield Finding("speed falls", names)
         return
@@ -112,37 +119,6 @@ def _motion(
             yield Finding("channel turned", {"channel": other.name, "other": channel.name})
     if response >= 0 and one_way and np.ptp(u) > 0:
         yield from _one_direction(names, inertia, model, unknowns)
-
-
-def _pursuit(
-    goal: str, inertia: InertiaRoles, columns: Sequence[tuple[Channel, Array]], of: Experiment
-) -> Iterator[Finding]:
-    """Yield a finding if an angle follows its goal with another sign or unit.
-
-    The speed of a servo is about a goal - b angle + c, and a / b is near one.
-    """
-    for channel, y in columns:
-        known, weight = ~np.isnan(y), channel.weights.get(inertia.angle, 0.0) * inertia.reduction
-        moving = sum(map(bool, channel.weights.values()))
-        if goal not in of.series or weight == 0 or moving > 1 or np.sum(known) < MIN_SAMPLES:
-            continue
-        t, angle, u = of.t[known], y[known] / weight, of.series[goal][known]
-        causes = [integral(angle, np.diff(t)), t - t[0], integral(u, np.diff(t))]
-        _, without = linear_fit(angle, causes[:-1])
-        (b, _, a, _), residual = linear_fit(angle, causes)
-        if not _is_clear(angle, without, residual) or b >= 0:
-            continue
-        times, names = float(-a / b), {"channel": channel.name, "input": goal}
-        if times < 0:
-            yield Finding("opposite signs", names)
-        elif not 1 / MAX_GOAL_RATIO < times < MAX_GOAL_RATIO:
-            yield Finding("unit of a goal", names, {"times": times})
-
-
-def _is_clear(y: Array, without: float, residual: float) -> bool:
-    """Return whether a regression of `y` is good, and needs the input that it is fitted `without`."""
-    is_good = residual < (1 - MIN_R_SQUARED) * float(np.var(y))
-    return is_good and without > MIN_VARIANCE_RATIO * residual
 
 
 def _one_direction(
@@ -175,22 +151,26 @@ def _motion_of(
     return state, float(np.sign(weight)), t, integral(y, np.diff(t)), y
 
 
-def _response(w: Array, angle: Array, u: Array, others: Sequence[Array], t: Array) -> float:
-    """Return the sign of a speed's response to an input; 0 if the record does not show it.
+def _effects(
+    w: Array, angle: Array, u: Array, others: Sequence[Array], t: Array
+) -> tuple[float, float]:
+    """Return the effects of an input and of the angle on a speed; zeros if the record shows none.
 
     The equation of motion, integrated once, is w = a * integral of u - b * angle + c * t + d. Its `a`
-    is positive whatever the friction, the load and a controller are.
+    is positive whatever the friction, the load and a controller are.  The effects are a and -b.
     """
     if np.ptp(u) < 1e-9 * np.abs(u).max(initial=0.0) or not u.any():
         mean = float(np.mean(w))
         clear = abs(mean) > MIN_R_SQUARED * float(np.sqrt(np.mean(w**2))) and not others
-        return float(np.sign(mean) * np.sign(u[0])) if clear else 0.0
+        return (float(np.sign(mean) * np.sign(u[0])) if clear else 0.0), 0.0
     integrals = [integral(x, np.diff(t)) for x in (*others, u - u.mean())]
     every = slice(None, None, -(-len(w) // MAX_SAMPLES))
     causes = [cause[every] for cause in (angle, t - t[0], *integrals)]
     _, without = linear_fit(w[every], causes[:-1])
     slopes, residual = linear_fit(w[every], causes)
-    return float(np.sign(slopes[-2])) if _is_clear(w[every], without, residual) else 0.0
+    total = float(np.var(w))
+    clear = without > MIN_VARIANCE_RATIO * residual and residual < (1 - MIN_R_SQUARED) * total
+    return (float(slopes[-2]), float(slopes[0])) if clear else (0.0, 0.0)
 
 
 def _correlation(x: Array, y: Array) -> float:

@@ -71,14 +71,10 @@ def _without_gains(observation: Observation, full: Array) -> Experiment:
     """Return the record without the gains of sensors, at parameters `full (1, P)`."""
     experiment, sensors = observation.experiment, observation.response.sensors
     row, names = observation.simulator_parameters(full), sensors.sensing.gains
+    known = [names.get(channel.name, "") for channel in experiment.channels]
+    gains = [float(sensors.column(name, row)[0]) if name else 1.0 for name in known]
     series = {name: sensors.acting_input(name, row) for name in experiment.series}
-    y, channels = experiment.y.copy(), [*experiment.channels]
-    for k, channel in enumerate(channels):
-        if channel.name in names:
-            gain = float(sensors.column(names[channel.name], row)[0])
-            y[:, k] /= gain
-            channels[k] = replace(channel, factor=channel.factor / gain)
-    return replace(experiment, y=y, channels=tuple(channels), series=series)
+    return replace(experiment, y=experiment.y / gains, series=series)
 
 
 def suspicions_of_record(
