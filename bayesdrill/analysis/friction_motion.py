@@ -102,7 +102,7 @@ def _friction_motions(observation: Observation, full: Array) -> Iterator[Frictio
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionCurve:
-    """A friction law has values `sizes (W, G)` at `speeds (G,)`, with the signs of the speeds."""
+    """A friction law has values `sizes (W, G)` at rising `speeds (G,)`, with the speeds' signs."""
 
     speeds: Array
     sizes: Array
@@ -119,19 +119,21 @@ def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Arra
     seen = {**_law_inputs(rig, friction, arguments[:1]), DIRECTION: np.sign(speeds)}
     sizes = friction.law.size(p, np.abs(speeds), seen)
     signed = np.broadcast_to(sizes, (len(arguments), len(speeds))) * np.sign(speeds * rubbing.gear)
-    return FrictionCurve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))
+    upwards = slice(None, None, 1 if rubbing.gear > 0 else -1)
+    return FrictionCurve(speeds=(speeds * rubbing.gear)[upwards], sizes=signed[:, upwards])
 
 
 def _law_inputs(rig: Simulator, friction: Friction, arguments: Array) -> dict[str, Array]:
-    """Return the rms of each input of the law and, if the law has two angles, of their difference."""
+    """Return the rms of each input of the law, and of its angle or of differences to the first one."""
     states = rig.model.states
     inputs = (name for name in friction.law.seen if name not in (*states, DIRECTION))
     values = {name: _rms(rig.sensors.acting_input(name, arguments)) for name in inputs}
     angles = [name for name in friction.law.seen if name in states]
-    if len(angles) == 2:
+    if angles:
         motion = rig.motion(arguments).states[0]
-        first, second = (motion[:, states.index(name)] for name in angles)
-        values |= {angles[0]: np.asarray(0.0), angles[1]: _rms(second - first)}
+        turned = [motion[:, states.index(name)] for name in angles]
+        first = turned[0] if len(angles) > 1 else 0.0
+        values |= {name: _rms(x - first) for name, x in zip(angles, turned, strict=True)}
     return values
 
 

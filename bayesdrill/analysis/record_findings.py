@@ -86,8 +86,8 @@ def _motion(
     driven = [motion for motion in motions if motion[1] == inertia.speed]
     if not driven:
         return
-    channel, _, sign, t, angle, w = driven[0]
-    sign = sign if inertia.reduction > 0 else -sign
+    channel, _, state_sign, t, angle, w = driven[0]
+    sign = state_sign if inertia.reduction > 0 else -state_sign
     constant = np.full(len(experiment.t), experiment.constant.get(drive, 0.0))
     u = np.interp(t, experiment.t, experiment.series.get(drive, constant))
     others = [x for name, x in experiment.series.items() if name != drive]
@@ -105,17 +105,16 @@ def _motion(
     if response < 0 and (fed < 0 or kind == "goal"):
         yield Finding("opposite signs", names)
         return
-    times = (
-        -effect / (back * inertia.reduction * sum(channel.weights.values())) if back < 0 else 1.0
-    )
-    if kind == "goal" and response > 0 and not 1 / MAX_GOAL_RATIO < times < MAX_GOAL_RATIO:
+    turns = inertia.reduction * sum(channel.weights.values())
+    times = -effect / (back * turns) if back < 0 else 1.0
+    if kind == "goal" and not 1 / MAX_GOAL_RATIO < times < MAX_GOAL_RATIO:
         yield Finding("unit of a goal", names, {"times": times})
     if response < 0 and one_way and sign * _correlation(u, w) < FALLING_CORRELATION:
         yield Finding("speed falls", names)
         return
     for other, _, its_sign, its_t, its_angle, _ in motions:
         correlation = _correlation(np.interp(its_t, t, angle), its_angle)
-        if sign * its_sign * correlation < TURNED_CORRELATION:
+        if state_sign * its_sign * correlation < TURNED_CORRELATION:
             yield Finding("channel turned", {"channel": other.name, "other": channel.name})
     if response >= 0 and one_way and np.ptp(u) > 0:
         yield from _one_direction(names, inertia, model, unknowns)

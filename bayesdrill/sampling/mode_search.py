@@ -62,10 +62,10 @@ class Mode:
 
     `slope` is the change of the log posterior per conditional standard deviation of each unknown,
     which is well below 1 at a maximum inside the prior.  One more Newton step would gain `gain`.
-    `at_bound` names unknowns within 0.1 % of an end of their prior, or with less than 0.1 % of the
-    prior's mass between them and zero, unless zero is several sds away.  `steps` are scales of
-    unknowns that may be negative, and `pieces` the step sizes of rigs integrated in steps.
-    `left_out` estimates other maxima's mass.
+    `at_bound` names unknowns within 0.1 % of an end of their prior.  Near zero, these have less than
+    0.1 % of the prior's mass below them, and few sds.  `steps` are scales of unknowns that may be
+    negative, and `pieces` the step sizes of rigs integrated in steps.  `left_out` estimates other
+    maxima's mass.
     """
 
     values: Mapping[str, float]

@@ -250,7 +250,11 @@ def test_an_angle_with_another_sign_or_unit_than_its_goal(factor: float, expecte
     problem = following(t, np.where(np.sin(3 * t) > 0, -0.5, 0.2), {**PLAIN, "limit_arm": 0.4})
     of = problem.experiment
     of = replace(of, y=factor * of.y, series={"goal_arm": -of.series["goal_arm"]})
-    assert [finding.kind for finding in findings_of_record(of, problem.model)] == expected
+    gears = {"box": {"between": ("arm", "load"), "ratio": -1.0}}
+    reversing = Train(inertias=("arm", "load"), gears=gears, drives={"arm": "servo"})
+    turned = replace(of.channels[0], weights={"theta_load": -1.0})
+    for record, rig in ((of, problem.model), (replace(of, channels=(turned,)), reversing)):
+        assert [finding.kind for finding in findings_of_record(record, rig)] == expected
 
 
 def test_a_goal_that_the_angle_follows_is_no_reference_in_place_of_a_voltage() -> None:
