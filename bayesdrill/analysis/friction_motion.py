@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,14 +59,14 @@ class FrictionMotion:
     @property
     def slowest(self) -> float:
         """Return the smallest speed after the speed has first reached half of its maximum."""
-        size = np.abs(self.speed) * self.gear
+        size = np.abs(self.speed * self.gear)
         first = int(np.argmax(size >= 0.5 * size.max()))
         return float(size[first:].min())
 
     @property
     def fastest(self) -> float:
         """Return the greatest speed."""
-        return float(np.abs(self.speed).max() * self.gear)
+        return float(np.abs(self.speed * self.gear).max())
 
 
 def friction_motions(
@@ -86,21 +86,23 @@ def _friction_motions(observation: Observation, full: Array) -> Iterator[Frictio
         speed = motion.states[0, :, rig.model.states.index(friction.against)]
         inertia = rig.model.roles.at_friction(friction.against, friction.where)
         still = speed == 0.0
+        gear = 1.0 if inertia is None else 1.0 / inertia.reduction
+        efforts = motion.efforts[:, :, e] * np.sign(gear)
         yield FrictionMotion(
             friction=friction,
             label=observation.label,
             t=np.asarray(rig.experiment.t),
             speed=speed,
-            effort=motion.efforts[0, :, e],
+            effort=efforts[0],
             sticks=np.append(still[:-1] & still[1:], False),
-            efforts=motion.efforts[1:, :, e],
-            gear=1.0 if inertia is None else 1.0 / inertia.reduction,
+            efforts=efforts[1:],
+            gear=gear,
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionCurve:
-    """A friction law has values `sizes (W, G)` at `speeds (G,)`, with the signs of the speeds."""
+    """A friction law has values `sizes (W, G)` at rising `speeds (G,)`, with the speeds' signs."""
 
     speeds: Array
     sizes: Array
@@ -116,27 +118,22 @@ def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Arra
     p = {name: arguments[:, k, None] for k, name in enumerate(rig.model.parameters)}
     seen = {**_law_inputs(rig, friction, arguments[:1]), DIRECTION: np.sign(speeds)}
     sizes = friction.law.size(p, np.abs(speeds), seen)
-    signed = np.broadcast_to(sizes, (len(arguments), len(speeds))) * np.sign(speeds)
-    return FrictionCurve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))
+    signed = np.broadcast_to(sizes, (len(arguments), len(speeds))) * np.sign(speeds * rubbing.gear)
+    upwards = slice(None, None, 1 if rubbing.gear > 0 else -1)
+    return FrictionCurve(speeds=(speeds * rubbing.gear)[upwards], sizes=signed[:, upwards])
 
 
 def _law_inputs(rig: Simulator, friction: Friction, arguments: Array) -> dict[str, Array]:
-    """Return the rms of each input of the law and, if the law has two angles, of their difference."""
-    states, experiment, sensing = rig.model.states, rig.experiment, rig.sensing
-
-    def sensor_value(names: Mapping[str, str], name: str, default: float) -> float:
-        return float(rig.sensors.column(names[name], arguments)[0]) if name in names else default
-
-    values = {}
-    for name in (n for n in friction.law.seen if n not in (*states, DIRECTION)):
-        u = experiment.series.get(name, np.array(experiment.constant.get(name, 0.0)))
-        gain = sensor_value(sensing.input_gains, name, 1.0)
-        values[name] = _rms(gain * u + sensor_value(sensing.input_offsets, name, 0.0))
+    """Return the rms of each input of the law, and of its angle or of differences to the first one."""
+    states = rig.model.states
+    inputs = (name for name in friction.law.seen if name not in (*states, DIRECTION))
+    values = {name: _rms(rig.sensors.acting_input(name, arguments)) for name in inputs}
     angles = [name for name in friction.law.seen if name in states]
-    if len(angles) == 2:
+    if angles:
         motion = rig.motion(arguments).states[0]
-        first, second = (motion[:, states.index(name)] for name in angles)
-        values |= {angles[0]: np.asarray(0.0), angles[1]: _rms(second - first)}
+        turned = [motion[:, states.index(name)] for name in angles]
+        first = turned[0] if len(angles) > 1 else 0.0
+        values |= {name: _rms(x - first) for name, x in zip(angles, turned, strict=True)}
     return values
 
 

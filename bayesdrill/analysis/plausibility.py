@@ -118,15 +118,16 @@ def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> Itera
 def _saturations(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
     """Yield the fraction of samples with servos at their limits, or beyond their supply."""
     model, p = sensitivity.model, sensitivity.rig_at(theta)
-    records = [each.experiment for each in sensitivity.likelihood.observations]
+    likelihood = sensitivity.likelihood
+    full = likelihood.space.full(theta[None])
     for motor in (motor for motor in model.roles.motors if motor.goal):
         inertia, gain = model.roles.inertia(motor.inertia), p.get(motor.proportional, 1.0)
         largest, beyond = p.get(motor.limit, 1.0), list[Array]()
-        for record, motion in zip(records, sensitivity.motions(theta), strict=True):
-            x = dict(zip(model.states, motion.T, strict=True))
-            goal = record.series.get(motor.goal, record.constant.get(motor.goal, 0.0))
+        for each, motion in zip(likelihood.observations, sensitivity.motions(theta), strict=True):
+            x, row = dict(zip(model.states, motion.T, strict=True)), each.simulator_parameters(full)
+            goal: Array | float = each.response.sensors.acting_input(motor.goal, row)
             if (servo := model.saturation) is not None and servo.goal == motor.goal:
-                goal = servo.reference(p, record.t, goal)
+                goal = servo.reference(p, each.experiment.t, goal)
             duty = gain * (goal - x[inertia.angle] / inertia.reduction)
             duty -= p.get(motor.derivative, 0.0) * x[inertia.speed] / inertia.reduction
             dead = gain * p.get(motor.band, 0.0)

@@ -20,7 +20,8 @@ MIN_VARIANCE_RATIO = 1.5  # smallest residual variance of a speed without the in
 MIN_R_SQUARED = 0.5  # R^2 of the regression of a speed, below which its sign is not judged
 TURNED_CORRELATION = -0.9  # correlation of two angles, below which one of them counts backwards
 FALLING_CORRELATION = -0.5  # correlation below which the speed falls while the input rises
-ONE_WAY_SHARE = 0.98  # smallest fraction of samples on one side of zero if a rig turns one way
+MAX_GOAL_RATIO = 5.0  # largest plausible ratio of a servo's angle and its goal
+ONE_WAY_SHARE = 0.98  # smallest fraction of all motion in one direction if a rig turns one way
 MAX_PERIOD = 20  # largest number of rows between two measured values of a slower sensor
 MIN_HELD_SHARE = 0.9  # smallest fraction of runs of equal values that have the typical length
 MIN_STEP_DIGITS = 3.0  # least typical step, in last digits; a slow angle changes by one digit
@@ -45,7 +46,7 @@ def findings_of_record(
     for name in sorted({*experiment.series} | {*experiment.constant}):
         driven = model.roles.moved(name)
         if driven is not None and driven[1] != "speed":
-            yield from _motion(name, driven[0], moving, experiment, model, unknowns)
+            yield from _motion(name, *driven, moving, experiment, model, unknowns)
 
 
 def _odd_cells(name: str, y: Array) -> Iterator[Finding]:
@@ -73,38 +74,47 @@ def _odd_cells(name: str, y: Array) -> Iterator[Finding]:
 def _motion(
     drive: str,
     inertia: InertiaRoles,
+    kind: str,
     columns: Sequence[tuple[Channel, Array]],
     experiment: Experiment,
     model: Model,
     unknowns: Collection[str],
 ) -> Iterator[Finding]:
-    """Yield findings on the motion of an inertia that the input `drive` drives."""
+    """Yield findings on the motion of an inertia that the input `drive` of a `kind` drives."""
     speeds = model.roles.speeds
     motions = [(c, *m) for c, y in columns if (m := _motion_of(c, y, experiment.t, speeds))]
     driven = [motion for motion in motions if motion[1] == inertia.speed]
     if not driven:
         return
-    channel, _, sign, t, angle, w = driven[0]
-    sign = sign if inertia.reduction > 0 else -sign
+    channel, _, state_sign, t, angle, w = driven[0]
+    sign = state_sign if inertia.reduction > 0 else -state_sign
     constant = np.full(len(experiment.t), experiment.constant.get(drive, 0.0))
     u = np.interp(t, experiment.t, experiment.series.get(drive, constant))
     others = [x for name, x in experiment.series.items() if name != drive]
     by_time = [np.interp(t, experiment.t, x) for x in others]
-    response = sign * _response(w, angle, u, by_time, t)
-    one_way = float(np.mean(w * np.sign(w.sum()) > 0)) > ONE_WAY_SHARE
+    effect, back = _effects(w, angle, u, by_time, t)
+    if kind == "goal":  # a servo has w = a goal - b angle, with a / b near one
+        effect, back = _effects(angle, integral(angle, np.diff(t)), u, by_time, t)
+    response = sign * float(np.sign(effect))
+    travel = float(np.abs(w).sum())
+    one_way = float(np.maximum(w * np.sign(w.sum()), 0.0).sum()) > ONE_WAY_SHARE * travel
     one_way &= bool(np.all(u >= 0) or np.all(u <= 0)) and bool(np.any(u))
     names = {"channel": channel.name, "input": drive}
     # From rest, a drive feeds in more energy than it takes back, whatever controls it.
     fed = sign * float(np.sum(u * w))
-    if response < 0 and fed < 0:
+    if response < 0 and (fed < 0 or kind == "goal"):
         yield Finding("opposite signs", names)
         return
+    turns = inertia.reduction * sum(channel.weights.values())
+    times = -effect / (back * turns) if back < 0 else 1.0
+    if kind == "goal" and not 1 / MAX_GOAL_RATIO < times < MAX_GOAL_RATIO:
+        yield Finding("unit of a goal", names, {"times": times})
     if response < 0 and one_way and sign * _correlation(u, w) < FALLING_CORRELATION:
         yield Finding("speed falls", names)
         return
     for other, _, its_sign, its_t, its_angle, _ in motions:
         correlation = _correlation(np.interp(its_t, t, angle), its_angle)
-        if sign * its_sign * correlation < TURNED_CORRELATION:
+        if state_sign * its_sign * correlation < TURNED_CORRELATION:
             yield Finding("channel turned", {"channel": other.name, "other": channel.name})
     if response >= 0 and one_way and np.ptp(u) > 0:
         yield from _one_direction(names, inertia, model, unknowns)
@@ -140,16 +150,18 @@ def _motion_of(
     return state, float(np.sign(weight)), t, integral(y, np.diff(t)), y
 
 
-def _response(w: Array, angle: Array, u: Array, others: Sequence[Array], t: Array) -> float:
-    """Return the sign of a speed's response to an input; 0 if the record does not show it.
+def _effects(
+    w: Array, angle: Array, u: Array, others: Sequence[Array], t: Array
+) -> tuple[float, float]:
+    """Return the effects of an input and of the angle on a speed; zeros if the record shows none.
 
     The equation of motion, integrated once, is w = a * integral of u - b * angle + c * t + d. Its `a`
-    is positive whatever the friction, the load and a controller are.
+    is positive whatever the friction, the load and a controller are.  The effects are a and -b.
     """
     if np.ptp(u) < 1e-9 * np.abs(u).max(initial=0.0) or not u.any():
         mean = float(np.mean(w))
         clear = abs(mean) > MIN_R_SQUARED * float(np.sqrt(np.mean(w**2))) and not others
-        return float(np.sign(mean) * np.sign(u[0])) if clear else 0.0
+        return (float(np.sign(mean) * np.sign(u[0])) if clear else 0.0), 0.0
     integrals = [integral(x, np.diff(t)) for x in (*others, u - u.mean())]
     every = slice(None, None, -(-len(w) // MAX_SAMPLES))
     causes = [cause[every] for cause in (angle, t - t[0], *integrals)]
@@ -157,7 +169,7 @@ def _response(w: Array, angle: Array, u: Array, others: Sequence[Array], t: Arra
     slopes, residual = linear_fit(w[every], causes)
     total = float(np.var(w))
     clear = without > MIN_VARIANCE_RATIO * residual and residual < (1 - MIN_R_SQUARED) * total
-    return float(np.sign(slopes[-2])) if clear else 0.0
+    return (float(slopes[-2]), float(slopes[0])) if clear else (0.0, 0.0)
 
 
 def _correlation(x: Array, y: Array) -> float:

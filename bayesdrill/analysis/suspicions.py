@@ -50,8 +50,10 @@ FEW, ALL = 3, 50  # numbers of positions of an anomaly in a report, and in the o
 
 def suspicions_of_problem(problem: Problem, max_positions: int = FEW) -> Iterator[Finding]:
     """Yield findings on columns and units, and anomalies with at most `max_positions` positions each."""
+    space = problem.posterior.space
+    full = space.full(space.vector(space.start)[None])
     for observation in problem.observations:
-        experiment = observation.experiment
+        experiment = _without_gains(observation, full)
         label = {"experiment": observation.label} if observation.label else {}
         factors = [channel.factor for channel in experiment.channels]
         odd = [
@@ -63,6 +65,16 @@ def suspicions_of_problem(problem: Problem, max_positions: int = FEW) -> Iterato
         for finding in (*odd, *general, *columns):
             yield replace(finding, names={**finding.names, **label})
     yield from suspicions_of_start(problem)
+
+
+def _without_gains(observation: Observation, full: Array) -> Experiment:
+    """Return the record without the gains of sensors, at parameters `full (1, P)`."""
+    experiment, sensors = observation.experiment, observation.response.sensors
+    row, names = observation.simulator_parameters(full), sensors.sensing.gains
+    known = [names.get(channel.name, "") for channel in experiment.channels]
+    gains = [float(sensors.column(name, row)[0]) if name else 1.0 for name in known]
+    series = {name: sensors.acting_input(name, row) for name in experiment.series}
+    return replace(experiment, y=experiment.y / gains, series=series)
 
 
 def suspicions_of_record(
@@ -194,11 +206,19 @@ def _pairs(experiment: Experiment, model: Model) -> Iterator[Finding]:
         ratio = _ratio(angle, speed, model.roles.speeds)
         if ratio is None:
             continue
-        both = ~np.isnan(a) & ~np.isnan(w)
-        if np.sum(both) > 2:
-            t, turned = experiment.t[both], w[both] * ratio
-            yield from _pair(angle.name, a[both], speed.name, turned, t, model.gear_ratio)
-        if both.all() and experiment.uniform and anomalies.differenced(a, w, experiment.dt):
+        # A log may have them at different times, so both are interpolated.
+        t_a, t_w = experiment.t[~np.isnan(a)], experiment.t[~np.isnan(w)]
+        if min(len(t_a), len(t_w)) > 2:
+            begin, end = max(t_a[0], t_w[0]), min(t_a[-1], t_w[-1])
+            t = experiment.t[(experiment.t >= begin) & (experiment.t <= end)]
+            angles = np.interp(t, t_a, a[~np.isnan(a)])
+            turned = np.interp(t, t_w, w[~np.isnan(w)]) * ratio
+            yield from _pair(angle.name, angles, speed.name, turned, t, model.gear_ratio)
+        if (
+            len(t_a) == len(t_w) == len(experiment.t)
+            and experiment.uniform
+            and anomalies.differenced(a, w, experiment.dt)
+        ):
             yield Finding("differentiated angle", {"angle": angle.name, "speed": speed.name})
 
 

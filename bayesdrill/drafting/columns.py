@@ -41,6 +41,7 @@ _UNITS_OF_KIND = {
         "s": "s sec secs second seconds sek sekunden segundos",
         "ms": "ms msec millis milliseconds millisekunden",
         "us": "us µs μs usec micros microseconds",
+        "ns": "ns nsec nanos nanoseconds nanosec",
     },
     "torque": {"N*m": "nm n*m n·m n.m n-m", "mN*m": "mnm"},
     "force": {"N": "n newton"},
@@ -130,8 +131,9 @@ def parse_head(head: str, unit_below: str = "") -> Meaning:
         return Meaning()
     base, unit, unknown_unit = _split_unit(head)
     if unit_below and not unit:
-        unit = parse_unit(unit_below)
-        unknown_unit = "" if unit else unit_below
+        bare = re.sub(r"^\s*[\[(](.*)[\])]\s*$", r"\1", unit_below)
+        unit = parse_unit(bare)
+        unknown_unit = "" if unit else bare
     tokens = _tokens(base)
     if base in STATES and not unknown_unit:
         kind, location = STATES[base]
@@ -323,6 +325,8 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
         kind, location = (KIND_OF_LETTER[train[1]], "") if train else _NAMES[symbol]
         meaning = Meaning(kind, location, symbol=symbol, kind_word=symbol)
     unit = parse_unit(written) if written else meaning.unit
+    if train and train[1] == "goal" and kind_of(unit) == "position":  # of a motion along a line
+        meaning = dataclasses.replace(meaning, kind="position")
     understood = meaning.symbol or {*_tokens(symbol)} <= _WORDS
     fits = understood and meaning.kind and (not (unit or written) or kind_of(unit) == meaning.kind)
     if match is None or not fits:

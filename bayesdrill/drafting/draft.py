@@ -154,7 +154,7 @@ def _parameters(
     if sheet:
         why += f". `relative` priors are about a factor of {math.exp(SHEET_SD):.2g} wide"
     driven = [inertia for inertia in rig.roles.inertias if rig.roles.motor(inertia.name)]
-    rubbing, held = driven, set[str]()
+    rubbing, held = driven, dict[str, str]()
     if context.lead.roles.train is not None:
         rubbing = [*rig.roles.inertias]
         held = trains.held_scales(rig, context.lead.sensors)
@@ -162,7 +162,7 @@ def _parameters(
     for name in rig.parameters:
         symbol = rig.symbols[name]
         if name in held:
-            lines += [*review([trains.HELD_SCALE], 2), f"  {name}: 1.0"]
+            lines += [*review([held[name]], 2), f"  {name}: 1.0"]
         elif both_ways and name in {inertia.friction for inertia in driven}:
             doubt = "this friction never changes sign, but the rig turns both ways: held at zero"
             doubt += ", and c_m stands for all friction"

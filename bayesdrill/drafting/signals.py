@@ -70,7 +70,7 @@ def _timing(column: FileColumn, why: str, doubt: str = "") -> Timing:
     unit = column.meaning.unit
     if not unit:
         step = float(np.nanmedian(np.diff(column.values)))
-        rates = {u: 1 / (step * units.factor(u, "s")) for u in ("s", "ms", "us")}
+        rates = {u: 1 / (step * units.factor(u, "s")) for u in ("s", "ms", "us", "ns")}
         unit = min(rates, key=lambda u: abs(math.log(rates[u] / TYPICAL_RATE)))
         text = f"no unit is stated; steps of {step:.6g} {unit} make a usual sampling rate"
         doubt = f"{doubt}; {text}" if doubt else text

@@ -143,14 +143,15 @@ def model_lines(train: Train) -> list[str]:
 
 HELD_SCALE = (
     "no measured signal shows its scale, so it is held at one: inertias, damping and stiffness are "
-    "divided by it. Write its value if a data sheet has it"
+    "{} by it. Write its value if a data sheet has it"
 )
 
 
-def held_scales(rig: Model, sensors: Sequence[Sensor]) -> set[str]:
-    """Return the motor parameters that only scale all other parameters, and are held at one."""
+def held_scales(rig: Model, sensors: Sequence[Sensor]) -> dict[str, str]:
+    """Return why motor parameters that only scale all other parameters are held at one."""
     motors = rig.roles.motors
-    held = {name for m in motors for name in (m.torque_constant, m.supply, m.duty)}
+    factors = [name for m in motors for name in (m.torque_constant, m.supply, m.duty)]
+    held = dict.fromkeys(factors, HELD_SCALE.format("divided"))
     if not any(sensor.kind == "current" for sensor in sensors):
-        held |= {motor.resistance for motor in motors}
+        held |= {motor.resistance: HELD_SCALE.format("multiplied") for motor in motors}
     return held

@@ -130,6 +130,10 @@ SENTENCES: Mapping[str, str] = {
         "sign: {channel} goes against {input}. If its sensor counts backwards, turn the sign of "
         "`measures:`. If the input does, say gain: -1 at {input}"
     ),
+    "unit of a goal": (
+        "unit: {channel} moves {times:.3g} times as far as {input}, which it follows. Correct the unit "
+        "of one of them"
+    ),
     "speed falls": (
         "sign: {channel} falls as {input} rises, though both keep their sign. One of the columns is "
         "another quantity, or the record lacks a load that changes"

@@ -27,6 +27,7 @@ SAME_POINT = 0.01  # two searches have the same end if no unknown's relative dif
 RELATIVE_ROUNDING = 1e-12  # relative rounding error of a log posterior
 CANDIDATES_PER_START = 4096  # number of prior draws; a search starts at the draw of highest density
 LOWEST_LOG_DENSITY = -1e300  # log density of a search that ended outside the support
+SDS_FROM_ZERO = 3.0  # an unknown that is more conditional sds from zero than this is not at zero
 MAX_MAXIMA = 64  # largest number of kept maxima, those with the most posterior mass
 NEGLIGIBLE_MASS = 1e-5  # total posterior mass of the maxima that are dropped
 MAX_MISSED_MASS = 0.02  # more posterior mass in maxima that were not followed raises a doubt
@@ -61,9 +62,10 @@ class Mode:
 
     `slope` is the change of the log posterior per conditional standard deviation of each unknown,
     which is well below 1 at a maximum inside the prior.  One more Newton step would gain `gain`.
-    `at_bound` names unknowns within 0.1 % of an end of their prior, or with less than 0.1 % of the
-    prior's mass between them and zero.  `steps` are scales of unknowns that may be negative, and
-    `pieces` the step sizes of rigs integrated in steps.  `left_out` estimates other maxima's mass.
+    `at_bound` names unknowns within 0.1 % of an end of their prior.  Near zero, these have less than
+    0.1 % of the prior's mass below them, and few sds.  `steps` are scales of unknowns that may be
+    negative, and `pieces` the step sizes of rigs integrated in steps.  `left_out` estimates other
+    maxima's mass.
     """
 
     values: Mapping[str, float]
@@ -214,7 +216,7 @@ def summarise(
         log_posterior=float(heights[0]),
         slope=_by_name(posterior, inward / conditional),
         gain=float(newton_gain(surface, ends[:1], here)[0]),
-        at_bound=_at_bound(posterior, _by_name(posterior, theta[0])),
+        at_bound=_at_bound(posterior, theta[0], coordinates.slopes(theta[:1])[0] / conditional),
         searches=searches,
         others=tuple(
             LocalMaximum(values=_by_name(posterior, point), log_posterior=float(height))
@@ -300,18 +302,19 @@ def modes(posterior: Posterior, mode: Mode) -> Array:
     return np.array([posterior.space.vector(maximum.values) for maximum in mode.maxima])
 
 
-def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, ...]:
+def _at_bound(posterior: Posterior, theta: Array, sds: Array) -> tuple[str, ...]:
+    """Return the unknowns at an end of their prior, for `theta (D,)` with conditional `sds (D,)`."""
     close = []
-    for unknown in posterior.space.unknowns:
+    for unknown, value, sd in zip(posterior.space.unknowns, theta, sds, strict=True):
         name, prior = unknown.name, unknown.prior
         if unknown.signed:
-            if min(values[name] - prior.low, prior.high - values[name]) < 1e-3 * unknown.scale:
+            if min(value - prior.low, prior.high - value) < 1e-3 * unknown.scale:
                 close.append(name)
             continue
         ends = [end for end in (prior.low, prior.high) if np.isfinite(end) and end > 0]
         ends_at_zero = prior.low == 0 and not prior.vanishes_at_ends
-        at_zero = ends_at_zero and values[name] < prior.quantile(np.array(1e-3))
-        if at_zero or any(abs(values[name] / end - 1) < 1e-3 for end in ends):
+        is_small = value < min(prior.quantile(np.array(1e-3)), SDS_FROM_ZERO * sd)
+        if (ends_at_zero and is_small) or any(abs(value / end - 1) < 1e-3 for end in ends):
             close.append(name)
     return tuple(close)
 

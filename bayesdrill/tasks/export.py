@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
@@ -38,6 +38,16 @@ class ExportedNumber:
         """Return the full name, such as `load.armature`."""
         return f"{self.part}.{self.name}"
 
+    @property
+    def mean(self) -> float:
+        """Return the posterior mean."""
+        return float(self.draws[0] + (self.draws - self.draws[0]).mean())
+
+    @property
+    def sd(self) -> float:
+        """Return the posterior standard deviation."""
+        return float((self.draws - self.draws[0]).std())  # exactly zero if all draws are equal
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatorModel:
@@ -57,7 +67,7 @@ class SimulatorModel:
 
     def means(self, part: str) -> dict[str, float]:
         """Return the posterior means of a part's quantities, by their names."""
-        return {q.name: float(q.draws.mean()) for q in self.quantities if q.part == part}
+        return {q.name: q.mean for q in self.quantities if q.part == part}
 
 
 def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> SimulatorModel:
@@ -105,20 +115,7 @@ def _quantities(
     model: Model, p: Mapping[str, Array], joints: Iterable[list[InertiaRoles]]
 ) -> Iterator[ExportedNumber]:
     """Yield the quantities of joints (sums over the inertias of a joint), shafts and motors."""
-    terms = [
-        (inertias[-1].name, name, symbol, abs(inertia.reduction) ** power)
-        for inertias in joints
-        for inertia in inertias
-        for name, symbol, power in (
-            ("armature", inertia.inertia, 2),
-            ("damping", inertia.damping, 2),
-            ("frictionloss", inertia.sliding, 1),
-            ("damping_backward", inertia.damping_back, 2),
-            ("frictionloss_backward", inertia.sliding_back, 1),
-            ("constant_friction", inertia.friction, 1),
-            ("gravity", inertia.weight, 1),
-        )
-    ]
+    terms = [term for inertias in joints for term in _joint_terms(inertias, p)]
     for shaft in model.roles.shafts:
         springs = {"stiffness": shaft.stiffness, "damping": shaft.damping}
         terms += [(shaft.name, name, symbol, 1.0) for name, symbol in springs.items()]
@@ -152,6 +149,26 @@ def _quantities(
         )
 
 
+def _joint_terms(
+    inertias: Sequence[InertiaRoles], p: Mapping[str, Array]
+) -> Iterator[tuple[str, str, str, float]]:
+    """Yield (joint, quantity, parameter, divisor) for the inertias of a joint.
+
+    Directions are those of the joint, and each friction without a direction acts in both.
+    """
+    for inertia in inertias:
+        joint, turns = inertias[-1].name, inertia.reduction
+        yield joint, "armature", inertia.inertia, turns**2
+        for quantity, role, power in (("damping", "damping", 2), ("frictionloss", "sliding", 1)):
+            forward, back = getattr(inertia, role), getattr(inertia, f"{role}_back")
+            ways = (forward, back if back in p else forward)[:: 1 if turns > 0 else -1]
+            yield joint, quantity, ways[0], abs(turns) ** power
+            if any(getattr(other, f"{role}_back") in p for other in inertias):
+                yield joint, f"{quantity}_backward", ways[1], abs(turns) ** power
+        yield joint, "constant_friction", inertia.friction, turns
+        yield joint, "gravity", inertia.weight, abs(turns)
+
+
 def as_json(model: SimulatorModel) -> str:
     """Return JSON text with means, sds, correlations and draws of all quantities."""
     draws = np.array([quantity.draws for quantity in model.quantities])
@@ -168,8 +185,8 @@ def as_json(model: SimulatorModel) -> str:
         "quantities": {
             q.key: {
                 "unit": q.unit,
-                "mean": float(q.draws.mean()),
-                "sd": float(q.draws.std()),
+                "mean": q.mean,
+                "sd": q.sd,
                 "map": q.map,
             }
             for q in model.quantities
@@ -275,9 +292,7 @@ FORMS: Mapping[str, Callable[[SimulatorModel], str]] = {
 
 
 def _spread(model: SimulatorModel) -> str:
-    lines = [
-        f"{q.key} {q.draws.mean():.6g} +- {q.draws.std():.2g} {q.unit}" for q in model.quantities
-    ]
+    lines = [f"{q.key} {q.mean:.6g} +- {q.sd:.2g} {q.unit}" for q in model.quantities]
     head = f"by bayesdrill {__version__}: posterior means and standard deviations, SI"
     return "\n".join([head, *lines, ""]).replace("--", "- -")
 

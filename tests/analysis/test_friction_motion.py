@@ -1,5 +1,6 @@
 """Laws of friction over the speeds of a record."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,6 +10,7 @@ from support.small_problems import experiment
 
 from bayesdrill.analysis.friction_motion import friction_curve
 from bayesdrill.rig.models.motor_shaft import DrivenShaft
+from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
@@ -32,6 +34,26 @@ def test_a_law_is_shown_at_the_root_mean_square_of_the_weight_that_acts() -> Non
     motion: Any = SimpleNamespace(friction=rock, speed=np.array([2.0]), gear=1.0)
     curve = friction_curve(observation, motion, full)
     acting = np.sqrt(np.mean((0.5 * weight + 30.0) ** 2))
+    acting_record = replace(record, series={"wob": 0.5 * weight + 30.0})
+    expected = simulator(rig, acting_record, ObservationModel()).signals(full[:, :-2])
+    assert response.signals(full) == pytest.approx(expected, rel=1e-12)
     w = curve.speeds[-1]
     torque = acting * P["b_0"] * (np.tanh(P["b_1"] * w) + P["b_2"] * w / (1 + P["b_3"] * w**2))
     assert curve.sizes[0, -1] == pytest.approx(torque, rel=1e-9)
+
+
+def test_a_law_before_a_gear_that_reverses_has_the_motors_own_directions() -> None:
+    rig = Train(
+        inertias=("motor", "arm"), drives={"motor": "torque"}, gravity=("arm",),
+        gears={"box": {"between": ("motor", "arm"), "ratio": -0.5}},
+        added=("t_c_motor", "t_c_motor_backward", "eta_box"),
+    )  # fmt: skip
+    known = {"t_c_motor": 0.2, "t_c_motor_backward": 0.3, "eta_box": 1.0}
+    record = experiment(100, constant={"t_motor": 1.0}, measures={"w_arm": {"w_arm": 1.0}})
+    response = simulator(rig, record, ObservationModel())
+    observation: Any = SimpleNamespace(response=response, simulator_parameters=lambda x: x)
+    motion: Any = SimpleNamespace(friction=rig.frictions[0], speed=np.array([2.0]), gear=-2.0)
+    values = [known.get(name, 1.0) for name in rig.parameters]
+    curve = friction_curve(observation, motion, np.array([values]))
+    assert np.all(np.diff(curve.speeds) > 0.0)
+    assert curve.sizes[0, [0, -1]] == pytest.approx([-0.3, 0.2])

@@ -32,22 +32,10 @@ def test_a_row_of_units_completes_a_head_and_a_unit_of_no_turn_is_unknown() -> N
     assert parse_head("theta_1 [counts]").unknown_unit == "counts"
     assert parse_head("position [mm]").kind == "position"  # of what moves along a line
     assert parse_head("w [rpm]", "ignored").unit == "rpm"
-    assert parse_head("w", "[rpm]").unit == "rpm"
+    assert (parse_head("w", "[rpm]").unit, parse_head("t", "[%]").unknown_unit) == ("rpm", "%")
 
 
-@run_cases(
-    "head, says",
-    [
-        ("speed [deg]", "its name says speed, and its unit deg is that of an angle"),
-        ("motor current [V]", "its name says current, and its unit V is that of a voltage"),
-        ("angle [rpm]", "its name says angle, and its unit rpm is that of a speed"),
-        ("position [mm]", ""),
-        ("Position velocity [rpm]", ""),
-        ("n [rpm]", ""),
-        ("theta_dot [deg/s]", ""),
-        ("signal [V]", ""),
-    ],
-)
+@run_cases("head, says", TABLE["doubts"].items())
 def test_a_head_whose_name_contradicts_its_unit_is_doubted(head: str, says: str) -> None:
     text = contradiction(parse_head(head))
     assert text.startswith(says)
@@ -68,14 +56,7 @@ def test_a_name_or_unit_that_cannot_be_read_is_refused(name: str, tmp_path: Path
     assert not (tmp_path / "r.yaml").exists()
 
 
-@run_cases(
-    "unit, si, size",
-    [
-        ("count/2800", "rad", 2 * np.pi / 2800),
-        ("count/(560/cm)", "m", 1e-2 / 560),
-        ("% of 9.84 mN*m", "N*m", 9.84e-5),
-    ],
-)
+@run_cases("unit, si, size", TABLE["sizes"])
 def test_counts_and_shares_are_units(unit: str, si: str, size: float) -> None:
     """Their sizes are those of a turn, of a length and of what a drive is rated for."""
     assert units.factor(unit, si) == pytest.approx(size)

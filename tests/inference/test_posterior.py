@@ -96,10 +96,11 @@ def test_fixed_parameters_are_held_by_their_names() -> None:
 def test_a_maximum_at_the_end_of_a_prior_that_may_be_negative_is_noticed() -> None:
     """On the scale of the prior: ratios of values say nothing of an end at zero."""
     target = two_experiments.rich_job().problem.posterior
-    values = dict(target.space.start)
-    assert "lag_twist_late" not in mode_search._at_bound(target, values)
+    values, sds = dict(target.space.start), np.ones(len(target.space.free))
+    before = mode_search._at_bound(target, target.space.vector(values), sds)
     values |= {"lag_twist_late": 1e-7, "offset_v_late": -0.9999, "t_0_late": 0.0}
-    at_bound = mode_search._at_bound(target, values)
+    at_bound = mode_search._at_bound(target, target.space.vector(values), sds)
+    assert "lag_twist_late" not in before
     assert {"lag_twist_late", "offset_v_late"} <= set(at_bound)
     assert "t_0_late" not in at_bound
 

@@ -85,9 +85,9 @@ def test_a_search_that_ends_on_a_slope_says_so(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_maximum_on_the_bound_is_named() -> None:
-    """A prior that ends before the best k_s: the maximum is there, where no slope counts."""
+    """A prior that ends before the best k_s; the record determines k_e far below its own prior."""
     end = 0.9 * NOMINAL["k_s"]
-    target = two_unknowns(k_s=Uniform(0.1, end))
+    target = two_unknowns(k_s=Uniform(0.1, end), k_e=Uniform(0.0, 1e5 * NOMINAL["k_e"]))
     mode = mode_search.summarise(target, (search(target, k_s=0.2),))
     assert mode.at_bound == ("k_s",)
     assert 1 - 1e-6 < mode.values["k_s"] / end <= 1

@@ -93,6 +93,18 @@ def test_a_servo_whose_supply_is_measured_has_the_usual_one() -> None:
     assert found["proportional_gain"].map == 1.0
 
 
+def test_directions_of_friction_are_those_of_the_joint() -> None:
+    gears = {"box": {"between": ("motor", "arm"), "ratio": -0.5}}
+    train = bd.Train(inertias=("motor", "arm"), gears=gears, drives={"motor": "torque"})
+    numbers = {"c_motor": 1.0, "c_motor_backward": 2.0, "c_arm": 0.5, "t_f_motor": 3.0}
+    rig = with_named(train, [*numbers])
+    p = {name: np.full(3, numbers.get(name, 0.1)) for name in rig.parameters}
+    joints = rig.roles.moving(rig.states, rig.parameters).values()
+    found = {each.name: each.mean for each in export._quantities(rig, p, joints)}
+    assert (found["damping"], found["damping_backward"]) == (2.0 * 4 + 0.5, 1.0 * 4 + 0.5)
+    assert (found["armature"], found["constant_friction"]) == (0.1 * 4 + 0.1, -3.0 * 2)
+
+
 def test_json_has_spread_and_draws(run, model):
     data = json.loads(export.as_json(model))
     keys, draws = [*data["quantities"]], np.array(data["draws"])

@@ -83,6 +83,14 @@ def _unknown_key(error: EntryError, location: Location) -> str:
     other = "" if error.get("is_train", True) else _train_of(name)
     if location[0] == "inputs" and name.startswith("supply_") and not other:
         other = f"; write `{name[7:]}: {{servo: 12}}` in `drives:` if 12 V is its usual voltage"
+    if (
+        word == "symbol"
+        and name.startswith("supply_")
+        and "supply_" not in suggestion
+        and not other
+    ):
+        suggestion, servo = "", f"`{name[7:]}: servo` in `drives:`"
+        other = f"; a measured supply belongs in `inputs:`, and a constant one needs {servo}"
     suggestion = "" if other and suggestion.startswith("; known") else suggestion
     return f"unknown {word}{suggestion}{other}".replace("?; ", "? ")
 

@@ -152,18 +152,19 @@ def read_mcap(path: Path, selected: Collection[str] | None = None) -> RecordTabl
                 ignored[channel.topic] = f"{encoding}; {CONVERSION}"
                 continue
             for name, value in _leaves(channel.topic, json.loads(message.data)):
-                add_sample(signals, name, 1e-9 * (message.log_time - first), value)
+                if isinstance(value, int | float):
+                    add_sample(signals, name, 1e-9 * (message.log_time - first), value)
+                elif value is not None:
+                    ignored[name] = "is text, not a number"
     return merged_table(path, signals, ignored, selected)
 
 
 def _leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield dotted names and numbers, or lists of numbers, of a message."""
-    if isinstance(value, dict):
-        for key, item in value.items():
+    """Yield the values of a message with dotted names, such as `topic.joints.0.speed`."""
+    if isinstance(value, dict | list):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
             yield from _leaves(f"{name}.{key}", item)
-    elif isinstance(value, int | float) or (
-        isinstance(value, list) and value and all(isinstance(x, int | float) for x in value)
-    ):
+    else:
         yield name, value
 
 

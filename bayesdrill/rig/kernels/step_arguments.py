@@ -91,6 +91,7 @@ class SteppedShape:
         named = dict.fromkeys(self.model.inputs, 0.0) | dict(zip(names, numbers, strict=True))
         rates = Rates(lanes[0].b, self, named, {name: named[name] for name in self.constant})
         described: list[Any] = [rates.rows, rates.base]
+        named |= self.model.acting(named, {name: named[name] for name in self.model.inputs})
         index = self.model.states.index
         for friction in self.model.frictions:
             law, speed = friction.law, named[friction.against]

@@ -257,6 +257,7 @@ class Writer:
             if shape.first_order:
                 number = number + driving[len(shape.series) + k] * (self.span * 0.5)
             middle[name] = number
+        middle = dict(shape.model.acting(self.parameters, middle))
         states = shape.model.states
         for gravity in shape.model.gravities:
             angle, speed = (state[states.index(name)] for name in (gravity.angle, gravity.speed))

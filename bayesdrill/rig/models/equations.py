@@ -157,7 +157,7 @@ class _Parts:
             yield from self._of_motor(motor, p, totals)
         for inertia, friction in self.dry_frictions():
             row = friction.against
-            yield row, friction.name, -self.torque_factor(inertia) / totals[row]
+            yield row, friction.name, -abs(self.torque_factor(inertia)) / totals[row]
 
     def _at_inertia(self, inertia: InertiaRoles, p: Named, total: Any) -> Iterator[Entry]:
         factor = self.torque_factor(inertia)
@@ -286,13 +286,20 @@ class _Parts:
 
     def _laws(self, inertia: InertiaRoles) -> list[Law]:
         laws, times = list[Law](), 1 / inertia.reduction
-        sliding, static, fading = inertia.sliding, inertia.static, inertia.fading
-        back = inertia.sliding_back, inertia.static_back
-        backward = back[0] if self._has(back[0]) else "", back[1] if self._has(back[1]) else ""
-        if self._has(sliding, static, fading):
-            laws.append(Stribeck(sliding, static, fading, self.model.stribeck, times, backward))
-        elif self._has(sliding):
-            laws.append(Coulomb(sliding, backward[0]))
+
+        def by_direction(forward: str, backward: str) -> tuple[str, str]:
+            """Return the names for the directions of the state; the second is empty if unused."""
+            if not self._has(backward):
+                return forward, ""
+            return (forward, backward) if times > 0 else (backward, forward)
+
+        sliding = by_direction(inertia.sliding, inertia.sliding_back)
+        static = by_direction(inertia.static, inertia.static_back)
+        if self._has(inertia.sliding, inertia.static, inertia.fading):
+            scale, power, backward = inertia.fading, self.model.stribeck, (sliding[1], static[1])
+            laws.append(Stribeck(sliding[0], static[0], scale, power, abs(times), backward))
+        elif self._has(inertia.sliding):
+            laws.append(Coulomb(*sliding))
         if self._has(inertia.damping, inertia.damping_back):
             laws.append(BackwardDamping(inertia.damping, inertia.damping_back, times))
         if self._has(inertia.drag):
@@ -300,7 +307,7 @@ class _Parts:
         if self._has(inertia.efficiency):
             driven = inertia.efficiency_back if self._has(inertia.efficiency_back) else ""
             loads = self._loads(inertia)
-            laws.append(GearLoss(inertia.efficiency, loads, inertia.reduction, driven))
+            laws.append(GearLoss(inertia.efficiency, loads, abs(inertia.reduction), driven))
         if inertia.cutting and self._has(*inertia.cutting):
             factor, stiff, hump, width = inertia.cutting
             laws.append(BitRock(factor, stiff, hump, width, inertia.bit_weight))

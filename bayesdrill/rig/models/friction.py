@@ -203,7 +203,7 @@ class BackwardDamping:
     """In backward motion, viscous friction is larger by `(backward - forward) |w|`.
 
     The rig's matrix `A` has the friction `forward |w|` in both directions. The speed w is the state
-    multiplied by `times`.
+    multiplied by `times`, which is negative behind a gear that reverses the motion.
     """
 
     forward: str
@@ -221,7 +221,8 @@ class BackwardDamping:
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """See `Law.size`."""
         more: Any = p[self.backward] - p[self.forward]
-        return where(below(seen[DIRECTION], 0.0), more, 0.0) * (self.times * speed)
+        back = below(seen[DIRECTION] * self.times, 0.0)
+        return where(back, more, 0.0) * (abs(self.times) * speed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,6 +307,11 @@ class LoadSpring:
         """Return the states on which the torque depends, the far one first."""
         return (self.near_end[0],) if self.far_end is None else (self.far_end[0], self.near_end[0])
 
+    @property
+    def reduction(self) -> float:
+        """Return the reduction of the near end."""
+        return self.near_end[1]
+
     def load(self, p: Named, seen: Mapping[str, Any]) -> Any:
         """Return the torque of the spring at its near end."""
         (near, reduction), far = self.near_end, self.far_end
@@ -323,8 +329,8 @@ def _before_gear(angle: Any, reduction: float) -> Any:
 class GearLoss:
     """The loss is (1/eta - 1) times the torque that a gear of efficiency eta transmits to `loads`.
 
-    `factor` refers the torque of the loads to the side of the gear where the friction acts. While the
-    load drives, the efficiency is `driven_back`, or 2 - 1/eta if no `driven_back` is named.
+    `factor` refers a torque on the state's side to the side of the gear where the friction acts. While
+    the load drives, the efficiency is `driven_back`, or 2 - 1/eta if no `driven_back` is named.
     """
 
     efficiency: str
@@ -348,7 +354,8 @@ class GearLoss:
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """See `Law.size`."""
-        first, *others = (load.load(p, seen) for load in self.loads)
+        torques = [_before_gear(load.load(p, seen), load.reduction) for load in self.loads]
+        first, *others = torques
         total, lost = sum(others, first), 1.0 / p[self.efficiency] - 1.0
         if self.driven_back:
             drives = below(total * seen[DIRECTION], 0.0)  # the load accelerates the motion

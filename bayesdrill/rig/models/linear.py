@@ -160,6 +160,10 @@ class Model(Protocol):
         """Return the servo that is nonlinear or has a measured supply, or None; see `Saturation`."""
         return None
 
+    def acting(self, p: Named, inputs: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return `inputs` as they act on frictions and on a servo's supply, from recorded ones."""
+        return inputs
+
     @property
     def smooth(self) -> bool:
         """Return whether the rig is linear: it has no dry friction, pendulum or nonlinear servo."""

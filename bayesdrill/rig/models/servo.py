@@ -41,6 +41,7 @@ class Saturation:
     limit: str = ""
     band: str = ""
     speed: str = ""
+    goal_gain: str = ""  # gain of the sensor of the goal, whose recorded speed `moved` limits
 
     def level(self, inputs: Mapping[str, Any]) -> Any:
         """Return the supply divided by its usual value; None if the supply is a parameter."""
@@ -79,6 +80,7 @@ class Saturation:
     def moved(self, p: Named, span: Any, reference: Any, goal: Any) -> tuple[Any, Any]:
         """Return the reference after the time `span`, and its mean over `span`, for a constant goal."""
         most, gap = p[self.speed] * span, goal - reference
+        most = most / size(p[self.goal_gain]) if self.goal_gain else most
         is_behind = below(most, size(gap))
         fraction = where(is_behind, 1.0, size(gap) / most)  # (time to reach the goal) / span
         step = signed(where(is_behind, most, size(gap)), gap)

@@ -8,7 +8,7 @@ The delay applies to all inputs and their offsets: before it has passed, channel
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +20,7 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig import steady_state
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Linear, Model, WrappedModel, constant_forcing, dynamics
+from bayesdrill.rig.models.servo import Saturation
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid
 
 
@@ -132,6 +133,21 @@ class ObservedModel(WrappedModel):
                 c[row] = c.get(row, 0.0) + value * p[offsets[name]]
         return Linear(A=linear.A, B=b, c=c)
 
+    def acting(self, p: Named, inputs: Mapping[str, Any]) -> Mapping[str, Any]:
+        """See `Model.acting`."""
+        acting = dict(inputs)
+        for name, gain in self.input_gains:
+            acting[name] = acting[name] * p[gain]
+        for name, offset in self.input_offsets:
+            acting[name] = acting[name] + p[offset]
+        return acting
+
+    @property
+    def saturation(self) -> Saturation | None:
+        """See `Model.saturation`."""
+        servo, gains = self.rig.saturation, dict(self.input_gains)
+        return servo and replace(servo, goal_gain=gains.get(servo.goal, ""))
+
 
 def observed_model(rig: Model, sensing: ObservationModel) -> Model:
     """Return the rig with its input sensors; the rig itself if these sensors have no unknowns."""
@@ -151,6 +167,16 @@ class SensorParameters:
     model: Model
     experiment: Experiment
     sensing: ObservationModel
+
+    def acting_input(self, name: str, full: Array) -> Array:
+        """Return an input with its sensor's gain and offset, without a lag, at `full (1, P)`."""
+
+        def value(names: Mapping[str, str], default: float) -> float:
+            return float(self.column(names[name], full)[0]) if name in names else default
+
+        recorded = self.experiment.series.get(name, self.experiment.constant.get(name, 0.0))
+        gain, offset = value(self.sensing.input_gains, 1.0), value(self.sensing.input_offsets, 0.0)
+        return np.asarray(gain * recorded + offset)
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:

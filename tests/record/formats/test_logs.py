@@ -100,7 +100,7 @@ def test_messages_of_mcap_that_are_no_json_are_named(tmp_path: Path, monkeypatch
     """Also where no other messages are in the file; times are those since the first message."""
     path = tmp_path / "robot.mcap"
     path.write_bytes(b"\x89MCAP0\r\n")
-    joints = {"position": [0.5, 1.5], "name": ["a", "b"], "motor": {"current": 2}}
+    joints = {"position": [0.5, 1.5], "name": ["a", "b"], "motor": [{"current": 2}]}
     ros = [("/ros", "cdr", 5.0, 0)]
     both = [*ros, ("/joints", "json", 5.2, joints), ("/joints", "json", 5.4, {})]
     both += [("/motor", "json", 5.2001, 7.0), ("/motor", "json", 5.3, 8.0)]
@@ -113,8 +113,9 @@ def test_messages_of_mcap_that_are_no_json_are_named(tmp_path: Path, monkeypatch
     table = read(path, "mcap")
     np.testing.assert_allclose(table.pick(TIME), [0.2, 0.3])  # times of one pass are joined
     np.testing.assert_array_equal(table.pick("/joints.position.1"), [1.5, np.nan])
-    np.testing.assert_array_equal(table.pick("/joints.motor.current"), [2.0, np.nan])
+    np.testing.assert_array_equal(table.pick("/joints.motor.0.current"), [2.0, np.nan])
     np.testing.assert_array_equal(table.pick("/motor"), [7.0, 8.0])
+    assert table.ignored["/joints.name.1"] == "is text, not a number"
     with pytest.raises(InputError, match=why):
         table.pick("/ros")
     monkeypatch.setattr("bayesdrill.record.formats.logs.LARGEST_FILE", 79.0)

@@ -1,6 +1,7 @@
 """Friction that differs by direction: against an integration from event to event, and its own laws."""
 
 import numpy as np
+import pytest
 from support.case_tables import run_cases
 from support.servo_oracle import Servo
 from support.state_records import record_of_states
@@ -12,6 +13,10 @@ from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 ARM = Train(inertias=("arm",), drives={"arm": "torque"})
+REVERSED = Train(
+    inertias=("arm", "load"), drives={"arm": "torque"},
+    gears={"box": {"between": ("arm", "load"), "ratio": -1.0}},
+)  # fmt: skip
 COULOMB = {"j_arm": 0.02, "c_arm": 0.03, "t_c_arm": 0.2, "t_c_arm_backward": 0.1}
 STRIBECK = {**COULOMB, "t_s_arm": 0.3, "w_s_arm": 0.5}
 LAWS = {
@@ -22,14 +27,14 @@ LAWS = {
 LEVELS, TIME = (0.5, -0.4, 0.1, -0.25, 0.28, -0.08, 0.6, 0.0, -0.5, -0.12), 0.2
 
 
-def simulated(values: dict[str, float], samples: int, substeps: int = 1) -> tuple[Array, Array]:
-    """Times, and angle and speed under torques that jump, of a rig at rest."""
-    train = with_named(ARM, [*values])
+def simulated(rig: Train, values: dict[str, float], samples: int) -> tuple[Array, Array]:
+    """Times, and angle and speed of the arm under torques that jump, of a rig at rest."""
+    train, way = with_named(rig, [*values]), -1.0 if rig is REVERSED else 1.0
     t = np.linspace(0.0, TIME * len(LEVELS), samples * len(LEVELS) + 1)
     u = np.append(np.repeat(LEVELS, samples), LEVELS[-1])
     record = record_of_states(train, t, {"t_arm": u})
     full = np.array([[values[name] for name in train.parameters]])
-    return t, simulator(train, record, ObservationModel(), substeps).signals(full)[0]
+    return t, way * simulator(train, record, ObservationModel()).signals(full)[0]
 
 
 def believed(values: dict[str, float], t: Array) -> Array:
@@ -52,11 +57,13 @@ def believed(values: dict[str, float], t: Array) -> Array:
 
 
 @run_cases("law", LAWS)
-def test_a_rig_that_rubs_more_one_way_moves_as_from_event_to_event(law: str) -> None:
+@pytest.mark.parametrize("rig", [ARM, REVERSED])
+def test_a_rig_that_rubs_more_one_way_moves_as_from_event_to_event(rig: Train, law: str) -> None:
     """The error falls with the square of the step, and what sticks stays exactly where it is."""
     errors = []
     for samples in (100, 400):
-        t, y = simulated(LAWS[law], samples)
+        values = LAWS[law] if rig is ARM else {**LAWS[law], "j_arm": 0.015, "j_load": 0.005}
+        t, y = simulated(rig, values, samples)
         truth = believed(LAWS[law], t[:: samples // 50])
         y = y[:: samples // 50]
         errors.append(np.max(np.abs(y - truth).max(axis=0) / np.ptp(truth, axis=0)))
@@ -70,11 +77,3 @@ def test_static_friction_backwards_is_at_least_the_sliding_one() -> None:
     assert not weak_statics(train, LAWS["static"])
     weak = {**LAWS["static"], "t_s_arm_backward": 0.05}
     assert [*weak_statics(train, weak)] == ["t_s_arm_backward"]
-
-
-def test_what_has_no_direction_keeps_its_law() -> None:
-    """Its size is one number, so that kernels of such rigs are those that they were."""
-    (plain,) = with_named(ARM, ["t_c_arm", "c_arm"]).frictions
-    (by_direction,) = with_named(ARM, [*COULOMB]).frictions
-    assert plain.law.seen == ()
-    assert by_direction.law.seen == ("direction",)

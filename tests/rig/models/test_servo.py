@@ -1,6 +1,7 @@
 """Servos: against the closed loop in closed form, and an integration from event to event."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,8 @@ from support.state_records import record_of_states
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.plausibility import plausibility_of_course
-from bayesdrill.analysis.suspicions import find_reference
+from bayesdrill.analysis.record_findings import findings_of_record
+from bayesdrill.analysis.suspicions import find_reference, suspicions_of_problem
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.inference.posterior import Problem
@@ -86,6 +88,7 @@ def oracle(values: dict[str, float]) -> Servo:
 
 def test_a_servo_without_a_limit_is_a_linear_closed_loop() -> None:
     """`J w' = (k/r) (supply duty (k_p (goal - theta) - k_d w) - k_e w)`, in exact steps."""
+    assert Train(inertias=("a", "b"), drives={"a": "servo", "b": "servo"}).smooth
     made, full = response(ARM, PLAIN, 20)
     assert isinstance(made, Response)
     v = PLAIN
@@ -171,19 +174,17 @@ def test_a_channel_between_steps_is_the_servo_at_its_own_time() -> None:
     assert shown[1:] == pytest.approx(expected[7::10], abs=2e-5)
 
 
-def test_only_one_servo_of_a_train_may_saturate() -> None:
-    drives = {"a": "servo", "b": "servo"}
-    assert Train(inertias=("a", "b"), drives=drives).smooth
-    with pytest.raises(InputError, match="only one servo of a train"):
-        Train(inertias=("a", "b"), drives=drives, added=("limit_a", "band_b"))
-    with pytest.raises(InputError, match="only one servo of a train"):
-        Train(inertias=("a", "b"), drives={"a": {"servo": 12}, "b": "servo"}, added=("limit_b",))
-
-
-@run_cases("entry", [{"servo": 0}, {"servo": "12"}, {"voltage": 12}, {"servo": 12, "k_p": 1}, {}])
-def test_a_usual_supply_is_a_number_of_a_servo(entry: dict[str, object]) -> None:
-    with pytest.raises(InputError, match=r"write `servo` or, if the supply is measured"):
-        Train(inertias=("arm",), drives={"arm": entry})
+def test_gains_and_offsets_of_inputs_act_on_the_supply_and_on_the_speed_of_the_goal() -> None:
+    made, full = response(MEASURED, {**SERVOS["supply"], "w_goal_arm": 3.0}, 20)
+    sensing = ObservationModel(
+        input_gains={"supply_arm": "a", "goal_arm": "b"}, input_offsets={"supply_arm": "c"}
+    )
+    supply, goal = (made.experiment.series[name] for name in ("supply_arm", "goal_arm"))
+    series = {"supply_arm": (supply - 0.5) / 0.8, "goal_arm": goal / -0.5}
+    shown = simulator(made.model, replace(made.experiment, series=series), sensing)
+    own = [{"a": 0.8, "b": -0.5, "c": 0.5}[name] for name in sensing.names]
+    found = shown.signals(np.array([[*full[0], *own]]))
+    assert found == pytest.approx(made.signals(full), abs=1e-12)
 
 
 def test_a_measured_supply_of_a_servo_without_a_usual_one_is_refused_with_its_entry(
@@ -216,7 +217,7 @@ def following(t: Array, goal: Array, values: dict[str, float]) -> Problem:
     rig = with_named(ARM, [*values])
     y = bd.respond(rig, values, t, {"goal_arm": goal}, SHOWN)["theta_arm"]
     channels = {"theta_arm": bd.Channel(y, "rad", sigma=0.01)}
-    inputs = {"goal_arm": bd.Input(goal, "rad")}
+    inputs = {"goal_arm": bd.Input(-goal, "rad", gain=-1.0)}
     unknown = {"j_arm": {"prior": "log_uniform", "low": 0.01, "high": 0.1}}
     return bd.case(t, channels, inputs, values | unknown, rig=rig).job.problem
 
@@ -235,8 +236,25 @@ def test_check_says_how_often_a_servo_saturates(limited: bool) -> None:
     (finding,) = plausibility_of_course(SensitivityStudy(posterior.likelihood), theta)
     assert finding.numbers["percent"] == pytest.approx(share, abs=0.3)
     assert 3.0 < share < 50.0
+    assert [*suspicions_of_problem(problem)] == []
     said = "saturates in" if limited else "Name limit_arm"
     assert said in finding_sentences([finding])[0]
+
+
+@run_cases(
+    "factor, expected",
+    [(1, []), (-1, ["opposite signs"]), (57.3, ["unit of a goal"]), (1 / 57.3, ["unit of a goal"])],
+)
+def test_an_angle_with_another_sign_or_unit_than_its_goal(factor: float, expected: list) -> None:
+    t = 0.01 * np.arange(800)
+    problem = following(t, np.where(np.sin(3 * t) > 0, -0.5, 0.2), {**PLAIN, "limit_arm": 0.4})
+    of = problem.experiment
+    of = replace(of, y=factor * of.y, series={"goal_arm": -of.series["goal_arm"]})
+    gears = {"box": {"between": ("arm", "load"), "ratio": -1.0}}
+    reversing = Train(inertias=("arm", "load"), gears=gears, drives={"arm": "servo"})
+    turned = replace(of.channels[0], weights={"theta_load": -1.0})
+    for record, rig in ((of, problem.model), (replace(of, channels=(turned,)), reversing)):
+        assert [finding.kind for finding in findings_of_record(record, rig)] == expected
 
 
 def test_a_goal_that_the_angle_follows_is_no_reference_in_place_of_a_voltage() -> None:

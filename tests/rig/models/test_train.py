@@ -14,11 +14,11 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
 def test_friction_behind_gears_moves_the_train_as_in_the_oracle():
-    """A motor, a gear, a shaft, another gear that turns the other way, a shaft to a load."""
+    """A motor, a gear, a shaft, another gear, a shaft to a load; both gears reverse the motion."""
     train = Train(
         inertias=("motor", "pinion", "wheel", "drum", "load"),
         gears={
-            "box": {"between": ("motor", "pinion"), "ratio": 0.25},
+            "box": {"between": ("motor", "pinion"), "ratio": -0.25},
             "mesh": {"between": ("wheel", "drum"), "ratio": -0.5},
         },
         shafts={"first": ("pinion", "wheel"), "second": ("drum", "load")},
@@ -32,7 +32,7 @@ def test_friction_behind_gears_moves_the_train_as_in_the_oracle():
     p = {name: usual[train.symbols[name].unit] * rng.uniform(0.7, 1.4) for name in train.parameters}
     u = np.repeat(0.4 * rng.choice([-1.0, 1.0], 7), 20)[:121]
     turns = np.zeros((5, 3))  # of pinion, drum, load
-    turns[[0, 1, 2, 3, 4], [0, 0, 1, 1, 2]] = [4.0, 1.0, -2.0, 1.0, 1.0]
+    turns[[0, 1, 2, 3, 4], [0, 0, 1, 1, 2]] = [-4.0, 1.0, -2.0, 1.0, 1.0]
 
     def of_each_inertia(kind: str) -> np.ndarray:
         return np.array([p.get(f"{kind}_{name}", 0.0) for name in train.inertias])
@@ -56,14 +56,15 @@ def test_friction_behind_gears_moves_the_train_as_in_the_oracle():
 
 
 def test_a_gear_loses_of_the_weight_behind_it():
-    """Believes an integration of an arm that is turned over without ever stopping."""
-    gears = {"box": {"between": ("motor", "arm"), "ratio": 0.5}}
+    """Believes an integration of an arm that is turned over; a tip behind it turns three times."""
+    ends = {"box": (("motor", "arm"), 0.5), "more": (("arm", "tip"), 3.0)}
     train = Train(
-        inertias=("motor", "arm"), gears=gears, drives={"motor": "torque"}, gravity=("arm",),
+        inertias=("motor", "arm", "tip"), drives={"motor": "torque"}, gravity=("arm",),
+        gears={name: {"between": pair, "ratio": ratio} for name, (pair, ratio) in ends.items()},
         added=("a_arm", "eta_box"),
     )  # fmt: skip
-    p = {"j_motor": 0.02, "j_arm": 0.1, "g_arm": 0.5, "a_arm": 0.1, "eta_box": 0.7}
-    inertia, lost = p["j_arm"] + 4 * p["j_motor"], 1 / p["eta_box"] - 1
+    p = {"j_motor": 0.02, "j_arm": 0.01, "j_tip": 0.01, "g_arm": 0.5, "a_arm": 0.1, "eta_box": 0.7}
+    inertia, lost = p["j_arm"] + 4 * p["j_motor"] + 9 * p["j_tip"], 1 / p["eta_box"] - 1
 
     def slope(_, x):
         weight = p["g_arm"] * np.sin(x[0] + p["a_arm"])
