@@ -68,12 +68,19 @@ def test_the_heat_over_the_run_is_limited_and_used() -> None:
 
 
 def test_the_coming_config_keeps_the_sensor_of_the_input() -> None:
-    """The promise counts an unknown offset of the voltage, so the fit of the record has it too."""
+    """The promise has one offset of the voltage in all records, and so has their fit."""
     offset = {"prior": "normal", "mean": 0.0, "sd": 100.0}
-    case = two(inputs={"v": {"value": 5000.0, "unit": "mV", "offset": offset}})
-    designed = case.design(high=12.0, hold=0.5, duration=2.0, draws=1)
-    entry = yaml.safe_load(coming_config(case.job, designed.design))["inputs"]["v"]
-    assert entry == {"column": "v", "unit": "mV", "hold": "zero", "offset": offset}
+    start = {"prior": "normal", "mean": 0.0, "sd": 1.0}
+    case = two(
+        inputs={"v": {"value": 5000.0, "unit": "mV", "offset": offset}}, initial={"w_1": start}
+    )
+    designed = case.design(high=12.0, hold=0.5, duration=2.0, draws=1, experiments=2)
+    text = coming_config(case.job, designed.design)
+    coming = yaml.safe_load(text)
+    entry = {"column": "v", "unit": "mV", "hold": "zero", "offset": offset}
+    assert coming["inputs"]["v"] == entry
+    assert coming["shared"] == ["offset_v"]
+    assert "waveform.csv (v in V) at 40 Hz into record_1.csv, record_2.csv" in text
 
 
 def test_a_batch_of_experiments_is_sharper_than_a_repeated_one(tmp_path: Path) -> None:
@@ -101,6 +108,15 @@ def test_a_batch_of_experiments_is_sharper_than_a_repeated_one(tmp_path: Path) -
         (tmp_path / f"record_{number}.csv").write_text(text)
     coming = bd.load(tmp_path / "coming.yaml")
     assert [x.label for x in coming.job.problem.observations] == ["coming_1", "coming_2"]
+
+
+def test_an_experiment_promises_at_least_the_present_knowledge() -> None:
+    """The linear response is far off, as the damping may have any of six orders of magnitude."""
+    orders = {"prior": "log_uniform", "low": 1e-7, "high": 0.1}
+    case = two(parameters=dict.fromkeys(NOMINAL, "nominal") | {"k_s": BOX, "c_m": orders})
+    numbers = {"high": 0.3, "hold": 0.5, "duration": 2.0, "draws": 1, "family": "prbs"}
+    for target in case.design(("k_s", "c_m"), **numbers).design.targets:
+        assert max(target.after.values()) <= target.now
 
 
 def test_friction_wants_coasts_or_reversals_rather_than_a_step() -> None:
