@@ -196,7 +196,8 @@ def coming_config(job: Job, design: ExperimentDesign) -> str:
     data = copy.deepcopy(dict(first.source.data))
     channels = {}
     for name, spec in data["record"]["channels"].items():
-        entries = {key: entry for key, entry in spec.items() if key not in ("file", "time")}
+        place = ("file", "time", "variable")
+        entries = {key: entry for key, entry in spec.items() if key not in place}
         channels[name] = {**entries, "column": name}
     count = len(design.levels)
     records = [name + ".csv" for name in numbered(RECORD.removesuffix(".csv"), [*design.levels])]
