@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.campaigns.fit import ControlChart, PopulationFit
+from bayesdrill.campaigns.fit import MIN_TIMED_RUNS, ControlChart, PopulationFit
 from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.section import listed
 
@@ -140,7 +140,7 @@ def _verdict(
     population: PopulationFit, history: list[str], foreign: list[str], not_used: list[str]
 ) -> str:
     """Return the verdict on a campaign in one sentence."""
-    few = "too few runs have a time, so drifts are not searched"
+    few = f"fewer than {MIN_TIMED_RUNS} different times, so drifts are not searched"
     parts = history or ["the rig is steady" if population.charts else few]
     belong = "does not belong" if len(foreign) == 1 else "do not belong"
     parts.append(f"{name_list(foreign)} {belong}" if foreign else "all runs belong together")
