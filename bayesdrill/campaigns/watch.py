@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.progress import Reporter
+from bayesdrill.basics.progress import WAITING, Reporter
 from bayesdrill.campaigns.conclusion import Alarm
 from bayesdrill.campaigns.records import KnownRecords, stamp_of
 from bayesdrill.campaigns.runs import CampaignPlan, read_plan
@@ -35,8 +35,10 @@ def watch(
     known, raised = KnownRecords(), {*map(_subject, before.alarms if before else ())}
     plan = read_plan(path)
     while True:
-        seen = _state(plan, _unread(plan, known))  # no change from now on is lost
-        _wait_until_written(plan, known)
+        unread = _unread(plan, known)
+        seen = _state(plan, unread)  # no change from now on is lost
+        newest = max((stamp_of(path)[1] for path in unread), default=0) / 1e9
+        time.sleep(min(max(newest + SETTLED - time.time(), 0.0), SETTLED))
         how: WriteMode = "resume" if (output / RUN).exists() else "fresh"
         alarms = tuple[Alarm, ...]()
         try:
@@ -61,7 +63,9 @@ def _next_plan(
     """Wait until the state of `plan` differs from `seen`, and return the new plan."""
     while True:
         while (state := _state(plan, bad)).items() <= seen.items():
+            WAITING.set()
             time.sleep(interval)
+        WAITING.clear()
         try:
             return read_plan(path)
         except InputError as error:  # perhaps half of a file, so it is read again when it changes
@@ -82,12 +86,6 @@ def _state(plan: CampaignPlan, unread: list[Path]) -> State:
     if isinstance(runs, str) and glob.has_magic(runs):
         state[table] = frozenset(glob.iglob(runs, root_dir=path.parent, recursive=True))
     return state
-
-
-def _wait_until_written(plan: CampaignPlan, cached_records: KnownRecords) -> None:
-    """Wait until no new record has changed for `SETTLED` seconds."""
-    newest = max((stamp_of(path)[1] for path in _unread(plan, cached_records)), default=0) / 1e9
-    time.sleep(min(max(newest + SETTLED - time.time(), 0.0), SETTLED))
 
 
 def _subject(alarm: Alarm) -> tuple[str, str, str]:

@@ -197,15 +197,10 @@ def coming_config(job: Job, design: ExperimentDesign) -> str:
     channels = {}
     for name, spec in data["record"]["channels"].items():
         place = ("file", "time", "variable")
-        entries = {key: entry for key, entry in spec.items() if key not in place}
-        channels[name] = {**entries, "column": name}
+        channels[name] = {k: x for k, x in spec.items() if k not in place} | {"column": name}
     count = len(design.levels)
     records = [name + ".csv" for name in numbered(RECORD.removesuffix(".csv"), [*design.levels])]
-    data["record"] = {
-        "file": RECORD,
-        "time": {"column": "t", "unit": "s"},
-        "channels": channels,
-    }
+    data["record"] = {"file": RECORD, "time": {"column": "t", "unit": "s"}, "channels": channels}
     inputs = {**(data.get("inputs") or {})}
     for name, value in design.experiment.constant.items():
         if name != source.input and isinstance(inputs.get(name), dict):
@@ -216,10 +211,9 @@ def coming_config(job: Job, design: ExperimentDesign) -> str:
     column = {"column": source.input, "unit": unit, "hold": "zero"}
     inputs[source.input] = column | kept
     data["inputs"] = inputs
-    simulation = data.get("simulation") or {}
-    data["simulation"] = {k: v for k, v in simulation.items() if k not in ("duration", "rate")}
-    if not data["simulation"]:
-        del data["simulation"]
+    simulation = data.pop("simulation", None) or {}
+    kept_truth = {k: x for k, x in simulation.items() if k not in ("duration", "rate")}
+    data |= {"simulation": kept_truth} if kept_truth else {}
     if count > 1:
         del data["record"]["file"]
         parts = {f"coming_{k}": {"record": {"file": f}} for k, f in enumerate(records, start=1)}

@@ -194,8 +194,7 @@ def test_a_jump_is_an_alarm_and_a_finding_with_its_run_and_interval() -> None:
     finding = history.split(" (")[0]
     assert record.verdict == f"60 runs: {finding}; all runs belong together; not used: run 99"
     page = as_markdown("rig", campaign_sections(conclude(replace(fit, ignored=("load", "oil")))))
-    inside = 100 * fit.leave_one_out.within_50
-    assert f"{inside:.0f} % of its products lie in the 50 % intervals of the others" in page
+    assert f"{100 * fit.leave_one_out.within_50:.0f} % of its products lie in the 50 %" in page
     assert "constant or have fewer than 3 numbers: load and oil" in page
 
 

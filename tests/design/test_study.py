@@ -77,8 +77,8 @@ def test_the_coming_config_keeps_the_sensor_of_the_input() -> None:
     designed = case.design(high=12.0, hold=0.5, duration=2.0, draws=1, experiments=2)
     text = coming_config(case.job, designed.design)
     coming = yaml.safe_load(text)
-    entry = {"column": "v", "unit": "mV", "hold": "zero", "offset": offset}
-    assert coming["inputs"]["v"] == entry
+    column = {"column": "v", "unit": "mV", "hold": "zero"}
+    assert coming["inputs"]["v"] == column | {"offset": offset}
     assert coming["shared"] == ["offset_v"]
     assert "waveform.csv (v in V) at 40 Hz into record_1.csv, record_2.csv" in text
 
