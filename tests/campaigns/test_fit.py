@@ -202,8 +202,10 @@ def test_a_jump_is_an_alarm_and_a_finding_with_its_run_and_interval() -> None:
 def test_a_drift_and_a_random_walk_are_named_with_their_size(kind: str, words: str) -> None:
     fit = fit_of_three_rigs()
     history = replace(fit.charts[0].history, probabilities={kind: 0.97, "changes": 0.03}, drift=0.1)
-    (said,) = conclude(replace(fit, charts=(replace(fit.charts[0], history=history),))).history
+    charts = [replace(fit.charts[0], history=history, alarm=alarm) for alarm in (True, False)]
+    said, weak = (conclude(replace(fit, charts=(chart,))).history[0] for chart in charts)
     assert said.startswith(words)
+    assert weak.startswith(words.replace("p0 ", "p0 may ").replace("s by", " by"))
     assert said.endswith("(probability 97 %)")
 
 

@@ -147,10 +147,8 @@ def test_watch_takes_up_new_runs_and_raises_each_alarm_once(copy: Finished) -> N
     os.utime(runs / "run_5.csv", (1e9, 1e9))
     first = copy.command("watch", "--once")
     (alarm,) = [json.loads(line) for line in first.out.splitlines() if "run_5" in line]
-    assert (alarm["campaign"], alarm["kind"]) == ("many", "not used")
-    assert alarm["run"] == "run_5"
-    assert "no column 'w_1'" in alarm["sentence"]
-    assert "no column 'theta_1'" in alarm["sentence"]
+    assert [alarm[k] for k in ("campaign", "kind", "run")] == ["many", "not used", "run_5"]
+    assert all(f"no column '{name}'" in alarm["sentence"] for name in ("w_1", "theta_1"))
     assert copy.draws == before
     assert "run_5" not in copy.command("watch", "--once").out
     (runs / "run_5.csv").write_text(good)
