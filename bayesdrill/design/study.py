@@ -134,12 +134,10 @@ def design_experiment(
                 0.1 + 0.85 * (number + fraction) / request.experiments, "search of the levels"
             )
 
-        before = precision + (
-            information(coming.posterior(*batch), knowledge.draws) if batch else 0.0
-        )
-        targets_after = TargetCovariance(slopes=slopes, precision=before)
+        known = information(coming.posterior(*batch), knowledge.draws) if batch else 0.0
+        targets_after = TargetCovariance(slopes=slopes, precision=precision + known)
         waveforms, levels = search_levels(
-            coming, knowledge, targets_after, check, request, rng, progress, smooth=smooth
+            coming, knowledge, targets_after, check, request, rng, progress, batch, smooth=smooth
         )
         usual = usual or waveforms
         batch.append(levels)
@@ -174,6 +172,7 @@ def search_levels(
     request: DesignRequest,
     rng: np.random.Generator,
     progress: Callable[[float], None],
+    earlier: Sequence[Array] = (),
     *,
     smooth: bool,
     theta: Array | None = None,
@@ -181,7 +180,7 @@ def search_levels(
     """Return the usual waveforms by name, and the levels of the requested family.
 
     The waveforms are the best for `targets` at `theta (W, D)`, by default at the draws in `knowledge`.
-    A `smooth` rig is linear in its input.
+    The levels of `earlier` experiments are further starts.  A `smooth` rig is linear in its input.
     """
     theta = knowledge.draws if theta is None else theta
     evaluation: Evaluation
@@ -197,7 +196,7 @@ def search_levels(
     waveforms = search.usual_waveforms(evaluation, check, safe, rng)
     if request.family != FREE:
         return waveforms, waveforms[request.family]
-    return waveforms, improve(check, safe, waveforms, rng, progress)
+    return waveforms, improve(check, safe, [*waveforms.values(), *earlier], rng, progress)
 
 
 def describe_expected(
