@@ -109,6 +109,7 @@ def describe_plan(plan: CampaignPlan, notes: Sequence[str]) -> str:
     lines = [f"campaign {spec.name}: {len(runs)} runs{many}, each with the config {plan.base.path}"]
     times = [run.time for run in runs if run.time is not None]
     span = f"over {max(times, default=0.0) / SECONDS[spec.time_unit]:.6g} {spec.time_unit}"
+    span = "equal steps, in the order of names" if spec.by_name else span
     lines.append(f"times: {span}" if times else "times: none, so drifts are not searched")
     lines.append(f"noted columns: {', '.join(spec.noted) or 'none'}")
     return "\n".join([*lines, *(f"note: {note}" for note in notes)])

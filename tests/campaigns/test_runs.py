@@ -10,7 +10,7 @@ from support import campaigns
 from support.command_line import assert_refused, cli
 
 from bayesdrill.campaigns.records import overridden
-from bayesdrill.campaigns.runs import natural_key, read_plan
+from bayesdrill.campaigns.runs import describe_plan, natural_key, read_plan
 
 DAY = 86400.0
 
@@ -46,20 +46,20 @@ def test_a_glob_a_list_and_a_parquet_table_list_the_same_runs(tmp_path: Path) ->
     from pyarrow import parquet
 
     path = campaigns.campaign(tmp_path)
-    wanted = names(path)
-    assert wanted == [f"run_{k}" for k in range(1, 7)]
+    assert names(path) == (wanted := [f"run_{k}" for k in range(1, 7)])
     plain = campaigns.CAMPAIGN.replace("noted: [temperature]", "by_name: true")
     path.write_text(plain.replace("runs/runs.csv", "runs/run_*.csv"))
-    assert names(path) == wanted
-    assert [run.time for run in read_plan(path).runs] == [DAY * k for k in range(6)]
+    plan = read_plan(path)
+    assert {run.name: run.time for run in plan.runs} == {f"run_{k + 1}": DAY * k for k in range(6)}
+    assert "times: equal steps, in the order of names" in describe_plan(plan, ())
     listed = ", ".join(f"{{file: runs/{name}.csv}}" for name in wanted)
     path.write_text(plain.replace("runs/runs.csv", f"[{listed}]"))
     assert names(path) == wanted
     columns = {"file": [f"{name}.csv" for name in wanted], "rig": [0, 1] * 3, "time": [np.nan] * 6}
     parquet.write_table(pyarrow.table(columns), tmp_path / "runs" / "runs.parquet")
     path.write_text(plain.replace("runs.csv", "runs.parquet"))
-    assert names(path) == wanted
-    assert [run.rig for run in read_plan(path).runs] == ["0", "1"] * 3
+    rigs = {run.name: run.rig for run in read_plan(path).runs}
+    assert rigs == {f"run_{k + 1}": f"{k % 2}" for k in range(6)}
 
 
 def test_numbers_in_names_are_counted() -> None:
