@@ -218,8 +218,8 @@ def coming_config(job: Job, design: ExperimentDesign) -> str:
         del data["record"]["file"]
         parts = {f"coming_{k}": {"record": {"file": f}} for k, f in enumerate(records, start=1)}
         data["experiments"] = parts
-        own = {*map(state_name, first.model.states), DELAY}  # each record begins by itself
-        shared = [name for name in first.local_numbers.unknown if name not in own]
+        starts = {*map(state_name, first.model.states), DELAY}  # each record has its own
+        shared = [name for name in first.local_numbers.unknown if name not in starts]
         data |= {"shared": shared} if shared else {}
     data["name"] = f"{job.config.name}_designed"
     about = (
