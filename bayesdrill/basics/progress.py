@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from threading import Event
 from typing import Any, Protocol, TextIO, runtime_checkable
 
 from bayesdrill.basics.errors import printable
@@ -36,6 +37,7 @@ class Silent:
 
 
 SILENT = Silent()
+WAITING = Event()  # set while a command waits for files, so that it need not say that it works
 
 
 @dataclass(slots=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.campaigns.fit import ControlChart, PopulationFit
+from bayesdrill.campaigns.fit import MIN_TIMED_RUNS, ControlChart, PopulationFit
 from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.section import listed
 
@@ -119,19 +119,20 @@ def _findings(chart: ControlChart, timed: Sequence[str]) -> Iterator[tuple[str, 
     `timed` has the names of the runs in order of time.
     """
     history, product = chart.history, chart.product
+    may, s = ("", "s") if chart.alarm else ("may ", "")
     probability = f"probability {100 * history.probabilities[history.best]:.0f} %"
     if history.best == "drift":
         size = with_sd(history.drift, history.drift_sd)
-        yield f"{product} drifts by {size} over the campaign", probability
+        yield f"{product} {may}drift{s} by {size} over the campaign", probability
     elif history.best == "walk":
         size = f"{100 * history.walk_sd:.2g} %"
-        yield f"{product} wanders by about {size} over the campaign", probability
+        yield f"{product} {may}wander{s} by about {size} over the campaign", probability
     for change in history.changes if history.best == "changes" else ():
         first, at, last = (timed[k] for k in (change.first, change.run, change.last))
         size = with_sd(change.size, change.size_sd)
         probability = f"probability {100 * change.probability:.0f} %"
         yield (
-            f"{product} changes by {size} at {at}",
+            f"{product} {may}change{s} by {size} at {at}",
             f"{probability}, 90 % interval {first} to {last}",
         )
 
@@ -140,15 +141,14 @@ def _verdict(
     population: PopulationFit, history: list[str], foreign: list[str], not_used: list[str]
 ) -> str:
     """Return the verdict on a campaign in one sentence."""
-    few = "too few runs have a time, so drifts are not searched"
+    few = f"fewer than {MIN_TIMED_RUNS} different times, so drifts are not searched"
     parts = history or ["the rig is steady" if population.charts else few]
     belong = "does not belong" if len(foreign) == 1 else "do not belong"
     parts.append(f"{name_list(foreign)} {belong}" if foreign else "all runs belong together")
     agrees = {p.product: p.table.agrees for p in population.populations if p.table is not None}
     wrong = [product for product, right in agrees.items() if not right]
     if agrees:
-        nominal = "the nominal values"
-        parts.append(f"{nominal} disagree in {listed(wrong)}" if wrong else f"{nominal} agree")
+        parts.append(f"the nominal values {f'disagree in {listed(wrong)}' if wrong else 'agree'}")
     if not_used:
         parts.append(f"not used: {name_list(not_used)}")
     return f"{len(population.runs)} runs: {'; '.join(parts)}"

@@ -69,8 +69,7 @@ def run_job(plan: CampaignPlan, run: CampaignRun, previous: ResolvedCase | None 
     try:
         return assemble(run_case(plan, run, previous))
     except InputError as error:
-        place = f"run {run.name} ({run.path})"
-        raise InputError([Issue(place, str(problem)) for problem in error.problems]) from None
+        raise InputError([Issue(place_of(run), str(each)) for each in error.problems]) from None
 
 
 def overridden(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -86,6 +85,11 @@ def overridden(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
     entries: dict[str, Any] = merged_entries(data, changes)
     remove(entries, changes)
     return entries
+
+
+def place_of(run: CampaignRun) -> str:
+    """Return the place of mistakes in the record of a run."""
+    return f"run {run.name} ({run.path})"
 
 
 def check_runs(
@@ -110,7 +114,7 @@ def check_runs(
         stamp = stamp_of(run.path)
         if any(stamp) and (other := files.setdefault(stamp, run.name)) != run.name:
             message = f"is another name of the file of {other}; take out one of them"
-            issues.append(Issue(f"run {run.name} ({run.path})", message))
+            issues.append(Issue(place_of(run), message))
             continue
         if run.name not in records or records[run.name].stamp != stamp:
             report.update(k / len(plan.runs), f"reading record {k + 1} of {len(plan.runs)}")
@@ -124,7 +128,7 @@ def check_runs(
                 message = (
                     f"has no unknown {', '.join(lacking)}, unlike other runs; correct `overrides`"
                 )
-                issues.append(Issue(f"run {run.name} ({run.path})", message))
+                issues.append(Issue(place_of(run), message))
                 continue
             experiment = made.problem.experiment
             sds = dict(zip(experiment.names, np.nanstd(experiment.y, axis=0).tolist(), strict=True))

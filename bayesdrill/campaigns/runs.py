@@ -25,7 +25,7 @@ from bayesdrill.config import loading
 from bayesdrill.config.schema.campaign import SECONDS, CampaignSpec, TimeUnit
 from bayesdrill.config.yaml_source import Location, Source, read
 from bayesdrill.record.formats.arrays import CUT_SHORT
-from bayesdrill.record.formats.table import decode, missing_package
+from bayesdrill.record.formats.table import decode, missing_package, read_bytes
 
 NO_PARQUET = "Parquet, in which a campaign keeps its draws,"
 
@@ -109,6 +109,7 @@ def describe_plan(plan: CampaignPlan, notes: Sequence[str]) -> str:
     lines = [f"campaign {spec.name}: {len(runs)} runs{many}, each with the config {plan.base.path}"]
     times = [run.time for run in runs if run.time is not None]
     span = f"over {max(times, default=0.0) / SECONDS[spec.time_unit]:.6g} {spec.time_unit}"
+    span = "equal steps, in the order of names" if spec.by_name else span
     lines.append(f"times: {span}" if times else "times: none, so drifts are not searched")
     lines.append(f"noted columns: {', '.join(spec.noted) or 'none'}")
     return "\n".join([*lines, *(f"note: {note}" for note in notes)])
@@ -208,10 +209,11 @@ def _run(
 ) -> tuple[CampaignRun, Any]:
     """Return the run of a row or an entry, and its time as it is written."""
     file = str(known["file"])
+    name, rig = ("" if x is None else str(x) for x in map(known.get, ("name", "rig")))
     run = CampaignRun(
-        name=str(known.get("name") or Path(file).stem),
+        name=name or Path(file).stem,
         path=folder / file,
-        rig=str(known.get("rig") or ""),
+        rig=rig,
         noted={name: _noted_number(noted.get(name), name, location, issues) for name in spec.noted},
         location=location,
     )
@@ -236,10 +238,15 @@ def _parquet(path: Path) -> tuple[list[str], Sequence[NumberedRow]]:
         from pyarrow import parquet
     except ImportError:
         raise missing_package(path, "a Parquet file", "parquet") from None
+    read_bytes(path, 1)  # raises an error that says if there is no file
     with report_damage(str(path), f"the Parquet file {CUT_SHORT}"):
         table = parquet.read_table(path)
-        cells = zip(*(column.to_pylist() for column in table.columns), strict=True)
-        return table.column_names, [*enumerate(cells, start=1)]
+        columns = (map(_nan_as_none, each.to_pylist()) for each in table.columns)
+        return table.column_names, [*enumerate(zip(*columns, strict=True), start=1)]
+
+
+def _nan_as_none(cell: Any) -> Any:
+    return None if isinstance(cell, float) and math.isnan(cell) else cell
 
 
 def _noted_number(cell: Any, name: str, location: str, issues: list[Issue]) -> float:

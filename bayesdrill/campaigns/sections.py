@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from bayesdrill.analysis.causes import Causes
 from bayesdrill.campaigns.conclusion import MOST_NAMED, CampaignRecord, percent, with_sd
-from bayesdrill.campaigns.fit import PopulationFit
+from bayesdrill.campaigns.fit import MIN_RUNS, PopulationFit
 from bayesdrill.campaigns.outcomes import Estimate, ProductPopulation, RunOutcome
 from bayesdrill.campaigns.population import NominalRange
 from bayesdrill.report.section import (
@@ -19,20 +21,28 @@ from bayesdrill.report.section import (
     Table,
     Tone,
     build,
+    listed,
     mappings_as_csv,
     table_of,
 )
 from bayesdrill.report.sections import causes as causes_section
 
 
+def _level(log: float, sd: float) -> str:
+    """Return the level exp(log) with two digits of its sd, but at least four digits."""
+    digits = max(4, 2 - math.floor(math.log10(max(sd, 1e-12))))
+    return f"{math.exp(log):.{digits}g}"
+
+
 def level_cells(head: str, sd_head: str, mean: float, sd: float) -> dict[str, str]:
     """Return cells with a level and its sd in percent; `mean` and `sd` are those of its log."""
-    return {head: f"{np.exp(mean):.4g}", sd_head: f"{100 * sd:.2g} %"}
+    return {head: _level(mean, sd), sd_head: f"{100 * sd:.2g} %"}
 
 
 def _following(ahead: Estimate) -> dict[str, str]:
     """Return a cell with the 90 % interval of the next run."""
-    return {"next run, 90 %": f"{np.exp(ahead.low_90):.4g} to {np.exp(ahead.high_90):.4g}"}
+    ends = (_level(log, ahead.sd) for log in (ahead.low_90, ahead.high_90))
+    return {"next run, 90 %": " to ".join(ends)}
 
 
 def _tolerance(nominal: NominalRange) -> str:
@@ -103,15 +113,17 @@ def campaign_sections(
     record: CampaignRecord, ending: str = "png", links: tuple[Link, ...] = ()
 ) -> tuple[Section, ...]:
     """Build the sections of a campaign, the verdict first; `links` are on points of its figure."""
-    population, doubts, steady = record.population, record.unbelievable, not record.alarms
-    tone: Tone = "bad" if doubts else "good" if steady else "doubt"
-    badge = "not to be believed" if doubts else "steady" if steady else "needs a look"
+    population, doubts, calm = record.population, record.unbelievable, not record.alarms
+    tone: Tone = "bad" if doubts else "good" if calm else "doubt"
+    badge = "not to be believed" if doubts else "no alarm" if calm else "needs a look"
     warning = "\n".join(["DO NOT BELIEVE this population:", *(f"  {x}" for x in doubts)])
     check = population.leave_one_out
     coverage = (
-        f"if each run is left out in turn, {100 * check.within_50:.0f} % of runs lie in the 50 % "
-        f"intervals of the others, and {100 * check.within_90:.0f} % in their 90 % intervals"
+        f"if each run is left out in turn, {100 * check.within_50:.0f} % of its products lie in the "
+        f"50 % intervals of the others, and {100 * check.within_90:.0f} % in their 90 % intervals"
     )
+    few = f"not used, as they are constant or have fewer than {MIN_RUNS} numbers"
+    ignored = f"{few}: {listed(population.ignored)}" if population.ignored else None
     foreign = [alarm.sentence for alarm in record.outliers]
     bad = [f"{name}: {reason}" for name, reason in record.not_used.items()]
     weak = [f"{name}: {reasons[0]}" for name, reasons in record.doubts.items()]
@@ -123,7 +135,7 @@ def campaign_sections(
         build("Products", products_table(population), Note(TABLE_EXPLAINED), coverage),
         build("Products that are left out", _lines(left_out), brief=False),
         build("Runs that do not belong", _lines(foreign[:MOST_NAMED]), brief=bool(foreign)),
-        build("Noted", noted_table(population), brief=False),
+        build("Noted", noted_table(population), ignored, brief=False),
         build("Rigs", rigs_table(population), brief=False),
         build("Runs that are not used", _lines(bad), brief=bool(bad)),
         build("Runs whose fit is doubtful", _lines(weak), brief=False),

@@ -20,7 +20,7 @@ from bayesdrill.campaigns.draws import CampaignDraws, FittedRun
 from bayesdrill.campaigns.fit import MIN_RUNS, PopulationFit, fit_population
 from bayesdrill.campaigns.fits import CheckedCampaign, Reference
 from bayesdrill.campaigns.population import NominalRange, PopulationSettings
-from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs, digest_of
+from bayesdrill.campaigns.records import KnownRecords, base_job, check_runs, digest_of, place_of
 from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan, describe_plan
 from bayesdrill.config.job import Job
 from bayesdrill.output_files import CAMPAIGN, DRAWS
@@ -140,7 +140,10 @@ def _publish(
             pages.write_run(campaign, run, outcome, folder, crew, report)
     for name in {*asked} - {*outcomes, OUTLIERS}:
         report.say(f"{name} has no page, as none of its draws can be used")
-    not_used |= {issue.place: issue.message for issue in problems}
+    names = {place_of(run): run.name for run in campaign.plan.runs}
+    for issue in problems:
+        before = not_used.get(names[issue.place])
+        not_used[names[issue.place]] = "; ".join(filter(None, (before, issue.message)))
     record = concluded(
         campaign.plan.spec.name,
         mark,

@@ -10,9 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.progress import Reporter
+from bayesdrill.basics.progress import WAITING, Reporter
 from bayesdrill.campaigns.conclusion import Alarm
-from bayesdrill.campaigns.fit import MIN_RUNS
 from bayesdrill.campaigns.records import KnownRecords, stamp_of
 from bayesdrill.campaigns.runs import CampaignPlan, read_plan
 from bayesdrill.campaigns.study import kept_record, run_campaign
@@ -21,6 +20,7 @@ from bayesdrill.results.run_folder import WriteMode
 from bayesdrill.tasks.remote import RefitExecutor
 
 SETTLED = 2.0  # a file counts as complete after this time without a change [s]
+State = dict[Path, frozenset[str] | tuple[int, ...]]  # files of a glob, and stamps of files
 
 
 def watch(
@@ -33,52 +33,59 @@ def watch(
     refuse_unwritable(output)
     before = kept_record(output)  # if this record is unreadable, old alarms are raised again
     known, raised = KnownRecords(), {*map(_subject, before.alarms if before else ())}
+    plan = read_plan(path)
     while True:
-        plan = read_plan(path)
-        _wait_until_written(plan, known)
-        listing = _listing(plan)
-        if len(plan.runs) >= MIN_RUNS:
-            how: WriteMode = "resume" if (output / RUN).exists() else "fresh"
-            alarms = tuple[Alarm, ...]()
-            try:
-                alarms = run_campaign(plan, output, how, crew, report, known).record.alarms
-            except InputError as error:  # too few runs are good so far
-                if once:
-                    raise
-                report.say(str(error))
-            for alarm in alarms:
-                if _subject(alarm) not in raised:
-                    raised.add(_subject(alarm))
-                    yield json.dumps({"campaign": plan.spec.name, **asdict(alarm)})
+        unread = _unread(plan, known)
+        seen = _state(plan, unread)  # no change from now on is lost
+        newest = max((stamp_of(path)[1] for path in unread), default=0) / 1e9
+        time.sleep(min(max(newest + SETTLED - time.time(), 0.0), SETTLED))
+        how: WriteMode = "resume" if (output / RUN).exists() else "fresh"
+        alarms = tuple[Alarm, ...]()
+        try:
+            alarms = run_campaign(plan, output, how, crew, report, known).record.alarms
+        except InputError as error:  # too few runs are good so far
+            if once:
+                raise
+            report.say(str(error))
+        for alarm in alarms:
+            if _subject(alarm) not in raised:
+                raised.add(_subject(alarm))
+                yield json.dumps({"campaign": plan.spec.name, **asdict(alarm)})
         if once:
             return
         report.say(f"watching {plan.source.path}; Ctrl-C stops")
-        bad = [run.path for run in plan.runs if run.name not in known]
-        seen = _state(plan, listing, bad)
-        while _state(plan, _listing(plan), bad) == seen:
+        plan = _next_plan(path, plan, _unread(plan, known), seen, report, interval)
+
+
+def _next_plan(
+    path: Path, plan: CampaignPlan, bad: list[Path], seen: State, report: Reporter, interval: float
+) -> CampaignPlan:
+    """Wait until the state of `plan` differs from `seen`, and return the new plan."""
+    while True:
+        while (state := _state(plan, bad)).items() <= seen.items():
+            WAITING.set()
             time.sleep(interval)
+        WAITING.clear()
+        try:
+            return read_plan(path)
+        except InputError as error:  # perhaps half of a file, so it is read again when it changes
+            report.say(str(error))
+            seen = state
 
 
-def _listing(plan: CampaignPlan) -> frozenset[str]:
-    """Return the names of all files of a glob; empty if the runs are listed in another way."""
-    runs = plan.spec.runs
-    if not isinstance(runs, str) or not glob.has_magic(runs):
-        return frozenset()
-    return frozenset(glob.iglob(runs, root_dir=plan.source.path.parent, recursive=True))
+def _unread(plan: CampaignPlan, cached_records: KnownRecords) -> list[Path]:
+    """Return the records that are not read yet, or are bad."""
+    return [run.path for run in plan.runs if run.name not in cached_records]
 
 
-def _state(plan: CampaignPlan, listing: frozenset[str], bad: list[Path]) -> tuple[object, ...]:
-    """Return a value that changes if the listing, the campaign's files or bad records change."""
+def _state(plan: CampaignPlan, unread: list[Path]) -> State:
+    """Return stamps of the campaign's files and of `unread` records, and the files of a glob."""
     runs, path = plan.spec.runs, plan.source.path
     table = path.parent / runs if isinstance(runs, str) else path
-    return (listing, *map(stamp_of, (path, table, *bad)))
-
-
-def _wait_until_written(plan: CampaignPlan, cached_records: KnownRecords) -> None:
-    """Wait until no new record has changed for `SETTLED` seconds."""
-    new = [run.path for run in plan.runs if run.name not in cached_records]
-    newest = max((stamp_of(path)[1] for path in new), default=0) / 1e9
-    time.sleep(min(max(newest + SETTLED - time.time(), 0.0), SETTLED))
+    state: State = {file: stamp_of(file) for file in (path, table, *unread)}
+    if isinstance(runs, str) and glob.has_magic(runs):
+        state[table] = frozenset(glob.iglob(runs, root_dir=path.parent, recursive=True))
+    return state
 
 
 def _subject(alarm: Alarm) -> tuple[str, str, str]:

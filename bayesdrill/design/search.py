@@ -8,7 +8,7 @@ keep them.  For a rig with friction, levels are exchanged one by one (Meyer and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -97,13 +97,13 @@ def descend(
     penalty: LimitPenalty,
     check: LimitCheck,
     safe: Array,
-    waveforms: Mapping[str, Array],
+    waveforms: Sequence[Array],
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
     """Return the best result of descents from the two best `waveforms` and from random levels."""
     source = evaluation.coming.source
-    ranked = sorted(waveforms.values(), key=lambda levels: value(evaluation, levels))
+    ranked = sorted(waveforms, key=lambda levels: value(evaluation, levels))
     starts = [*ranked[:2], *_random(evaluation, rng)]
     coarse = evaluation.with_first(COARSE_DRAWS), penalty.with_first(COARSE_DRAWS)
     ends = [ranked[0]]
@@ -170,7 +170,7 @@ def exchange(
     evaluation: SimulatedSlopes,
     check: LimitCheck,
     safe: Array,
-    waveforms: Mapping[str, Array],
+    waveforms: Sequence[Array],
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
@@ -179,7 +179,7 @@ def exchange(
     In random order, each hold interval gets the best of a few levels that keep the limits.
     """
     source = evaluation.coming.source
-    best = min(waveforms.values(), key=lambda levels: value(evaluation, levels))
+    best = min(waveforms, key=lambda levels: value(evaluation, levels))
     height, tried = value(evaluation, best), np.linspace(source.low, source.high, EXCHANGED)
     for sweep in range(SWEEPS):
         before = height

@@ -106,7 +106,7 @@ class SourceLimits:
                 moved < max(LEAST_MOTION * width, self.low, -self.high),
                 f"the source is too slow: it only moves by {moved:g} in {self.duration:g} s",
             ),
-            ("--hold", levels > MAX_LEVELS, f"{levels} levels are more than {MAX_LEVELS}"),
-            ("--rate", samples > MAX_SAMPLES, f"{samples} samples are more than {MAX_SAMPLES}"),
+            ("--hold", levels > MAX_LEVELS, f"{levels} levels exceed {MAX_LEVELS}; hold longer"),
+            ("--rate", samples > MAX_SAMPLES, f"{samples} samples exceed {MAX_SAMPLES}; lower it"),
         ]
         raise_if_any([Issue(option, message) for option, broken, message in rules if broken])

@@ -134,12 +134,10 @@ def design_experiment(
                 0.1 + 0.85 * (number + fraction) / request.experiments, "search of the levels"
             )
 
-        before = precision + (
-            information(coming.posterior(*batch), knowledge.draws) if batch else 0.0
-        )
-        targets_after = TargetCovariance(slopes=slopes, precision=before)
+        known = information(coming.posterior(*batch), knowledge.draws) if batch else 0.0
+        targets_after = TargetCovariance(slopes=slopes, precision=precision + known)
         waveforms, levels = search_levels(
-            coming, knowledge, targets_after, check, request, rng, progress, smooth=smooth
+            coming, knowledge, targets_after, check, request, rng, progress, batch, smooth=smooth
         )
         usual = usual or waveforms
         batch.append(levels)
@@ -156,9 +154,9 @@ def design_experiment(
     _refuse_hopeless([targets[k] for k in visibility.visible], thresholds)
     report.update(1.0, "")
     criteria = {name: chosen.criterion(x)[0] for name, x in informations.items()}
-    sds = np.array([target.designed for target in targets])
+    now, sds = np.array([(target.now, target.designed) for target in targets]).T
     variants = variant_sds(
-        problem.observations[0], coming, batch, knowledge, visibility.slopes, sds
+        problem.observations[0], coming, batch, knowledge, visibility.slopes, sds, now
     )
     design = describe_expected(
         coming, request, np.array(batch), knowledge, check, targets, criteria
@@ -174,6 +172,7 @@ def search_levels(
     request: DesignRequest,
     rng: np.random.Generator,
     progress: Callable[[float], None],
+    earlier: Sequence[Array] = (),
     *,
     smooth: bool,
     theta: Array | None = None,
@@ -181,7 +180,7 @@ def search_levels(
     """Return the usual waveforms by name, and the levels of the requested family.
 
     The waveforms are the best for `targets` at `theta (W, D)`, by default at the draws in `knowledge`.
-    A `smooth` rig is linear in its input.
+    The levels of `earlier` experiments are further starts.  A `smooth` rig is linear in its input.
     """
     theta = knowledge.draws if theta is None else theta
     evaluation: Evaluation
@@ -197,7 +196,7 @@ def search_levels(
     waveforms = search.usual_waveforms(evaluation, check, safe, rng)
     if request.family != FREE:
         return waveforms, waveforms[request.family]
-    return waveforms, improve(check, safe, waveforms, rng, progress)
+    return waveforms, improve(check, safe, [*waveforms.values(), *earlier], rng, progress)
 
 
 def describe_expected(
@@ -236,11 +235,13 @@ def _outlooks(
 ) -> tuple[tuple[TargetOutlook, ...], dict[str, Array]]:
     """Return outlooks of targets, and information matrices of records, by the name of a posterior."""
     slopes, after, informations = visibility.slopes, {}, {}
-    for name, posterior in posteriors.items():
-        rng = seeds.stream(seed, "design", 2)  # the same random numbers for all waveforms
-        after[name], informations[name] = promise(posterior, knowledge, slopes, rng)
     space = posteriors[DESIGNED].space
     now = present_sds(space, knowledge, slopes, seeds.stream(seed, "design", 2))
+    for name, posterior in posteriors.items():
+        rng = seeds.stream(seed, "design", 2)  # the same random numbers for all waveforms
+        sds, informations[name] = promise(posterior, knowledge, slopes, rng)
+        # No record widens the knowledge on average, so larger sds are errors of the approximation.
+        after[name] = np.minimum(sds, now)
     outlooks = tuple(
         TargetOutlook(
             name=target.name,

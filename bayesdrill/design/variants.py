@@ -27,11 +27,13 @@ def variant_sds(
     knowledge: PresentKnowledge,
     slopes: Array,
     sds: Array,
+    now: Array,
 ) -> dict[str, tuple[float, ...]]:
     """Return relative sds of targets with `slopes (W, k, m)` by the name of a variant.
 
     The predicted `sds (k,)` of the `coming` experiment with levels `batch` are multiplied by ratios
-    of Gaussian sds: variant / coming experiment.  `recorded` has the channels and the noise.
+    of Gaussian sds: variant / coming experiment.  They are at most the present sds `now (k,)`.
+    `recorded` has the channels and the noise.
     """
     covariance = TargetCovariance(slopes=slopes, precision=knowledge.precision)
 
@@ -42,7 +44,7 @@ def variant_sds(
     usual_sds, out = gaussian(coming.posterior(*batch)), {}
     for name, make in _variants(recorded, coming, batch):
         with suppress(ValueError):  # raised if the noise model needs every sample
-            out[name] = tuple((sds * gaussian(make()) / usual_sds).tolist())
+            out[name] = tuple(np.minimum(sds * gaussian(make()) / usual_sds, now).tolist())
     return out
 
 
@@ -70,7 +72,7 @@ def _variants(
         for k, name in enumerate(names):
             yield f"without {name}", partial(missing, slice(None), every[:k] + every[k + 1 :])
     yield "half the rate", partial(missing, slice(None, None, 2), every)
-    faster = dataclasses.replace(source, rate=2.0 * source.rate)
+    faster = dataclasses.replace(source, hold=source.interval, rate=2.0 * source.rate)
     yield "twice the rate", partial(driven, faster, 1)
     longer = dataclasses.replace(source, duration=2.0 * source.count * source.interval)
     yield "twice the time", partial(driven, longer, 2)

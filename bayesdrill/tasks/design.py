@@ -14,8 +14,10 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.progress import Reporter
+from bayesdrill.config.building.initial import state_name
 from bayesdrill.config.job import Job
 from bayesdrill.config.schema.numbers import SensorFields
+from bayesdrill.config.schema.records import DELAY
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.design.knowledge import posterior_knowledge, prior_knowledge
 from bayesdrill.design.limits import parse_limits
@@ -142,8 +144,7 @@ def design(
     family, experiments = options.pop("family", None) or FREE, options.pop("experiments", 1)
     if family not in (FREE, *FAMILIES):
         hint = did_you_mean(family, [FREE, *FAMILIES])
-        names = ", ".join((FREE, *FAMILIES))
-        raise InputError.at("--family", f"{family} is not one of {names}{hint}")
+        raise InputError.at("--family", f"no family of waveforms is called {family}{hint}")
     if rival is not None and learn:
         raise InputError.at(
             "--tell", "a design either distinguishes models or learns targets; give only one"
@@ -195,15 +196,11 @@ def coming_config(job: Job, design: ExperimentDesign) -> str:
     data = copy.deepcopy(dict(first.source.data))
     channels = {}
     for name, spec in data["record"]["channels"].items():
-        entries = {key: entry for key, entry in spec.items() if key not in ("file", "time")}
-        channels[name] = {**entries, "column": name}
+        place = ("file", "time", "variable")
+        channels[name] = {k: x for k, x in spec.items() if k not in place} | {"column": name}
     count = len(design.levels)
     records = [name + ".csv" for name in numbered(RECORD.removesuffix(".csv"), [*design.levels])]
-    data["record"] = {
-        "file": RECORD,
-        "time": {"column": "t", "unit": "s"},
-        "channels": channels,
-    }
+    data["record"] = {"file": RECORD, "time": {"column": "t", "unit": "s"}, "channels": channels}
     inputs = {**(data.get("inputs") or {})}
     for name, value in design.experiment.constant.items():
         if name != source.input and isinstance(inputs.get(name), dict):
@@ -214,17 +211,20 @@ def coming_config(job: Job, design: ExperimentDesign) -> str:
     column = {"column": source.input, "unit": unit, "hold": "zero"}
     inputs[source.input] = column | kept
     data["inputs"] = inputs
-    simulation = data.get("simulation") or {}
-    data["simulation"] = {k: v for k, v in simulation.items() if k not in ("duration", "rate")}
-    if not data["simulation"]:
-        del data["simulation"]
+    simulation = data.pop("simulation", None) or {}
+    kept_truth = {k: x for k, x in simulation.items() if k not in ("duration", "rate")}
+    data |= {"simulation": kept_truth} if kept_truth else {}
     if count > 1:
         del data["record"]["file"]
         parts = {f"coming_{k}": {"record": {"file": f}} for k, f in enumerate(records, start=1)}
         data["experiments"] = parts
+        starts = {*map(state_name, first.model.states), DELAY}  # each record has its own
+        shared = [name for name in first.local_numbers.unknown if name not in starts]
+        data |= {"shared": shared} if shared else {}
     data["name"] = f"{job.config.name}_designed"
     about = (
-        f"# Measure {WAVEFORM} at {source.rate:g} Hz into {', '.join(records)}, with the columns\n"
+        f"# Measure {WAVEFORM} ({source.input} in {unit}) at {source.rate:g} Hz into "
+        f"{', '.join(records)}, with the columns\n"
         f"# t, {source.input} [{inputs[source.input]['unit']}], {', '.join(channels)}; "
         f"then run `bayesdrill posterior {COMING}`.\n"
         f"# Until then no command can use this config; {DESIGN.mark} has the expected record.\n"

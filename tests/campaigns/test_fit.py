@@ -18,6 +18,8 @@ from bayesdrill.campaigns.conclusion import CampaignRecord, concluded
 from bayesdrill.campaigns.draws import FittedRun
 from bayesdrill.campaigns.fit import PopulationFit, fit_population
 from bayesdrill.campaigns.population import NominalRange, PopulationSettings
+from bayesdrill.campaigns.sections import campaign_sections
+from bayesdrill.report.section import as_markdown
 
 RUNS, SPREAD = 40, np.array([0.04, 0.02])
 SETTINGS = PopulationSettings(targets=BRIEF, chains=2)
@@ -189,18 +191,21 @@ def test_a_jump_is_an_alarm_and_a_finding_with_its_run_and_interval() -> None:
     assert [(alarm.kind, alarm.run, alarm.product) for alarm in record.alarms] == [
         ("not used", "run 99", ""), ("changes", "", "p0")
     ]  # fmt: skip
-    assert (
-        record.verdict
-        == f"60 runs: {history.split(' (')[0]}; all runs belong together; not used: run 99"
-    )
+    finding = history.split(" (")[0]
+    assert record.verdict == f"60 runs: {finding}; all runs belong together; not used: run 99"
+    page = as_markdown("rig", campaign_sections(conclude(replace(fit, ignored=("load", "oil")))))
+    assert f"{100 * fit.leave_one_out.within_50:.0f} % of its products lie in the 50 %" in page
+    assert "constant or have fewer than 3 numbers: load and oil" in page
 
 
 @run_cases("kind, words", [("drift", "p0 drifts by +"), ("walk", "p0 wanders by about ")])
 def test_a_drift_and_a_random_walk_are_named_with_their_size(kind: str, words: str) -> None:
     fit = fit_of_three_rigs()
     history = replace(fit.charts[0].history, probabilities={kind: 0.97, "changes": 0.03}, drift=0.1)
-    (said,) = conclude(replace(fit, charts=(replace(fit.charts[0], history=history),))).history
+    charts = [replace(fit.charts[0], history=history, alarm=alarm) for alarm in (True, False)]
+    said, weak = (conclude(replace(fit, charts=(chart,))).history[0] for chart in charts)
     assert said.startswith(words)
+    assert weak.startswith(words.replace("p0 ", "p0 may ").replace("s by", " by"))
     assert said.endswith("(probability 97 %)")
 
 
@@ -212,7 +217,7 @@ def test_outliers_are_named_with_the_first_known_reason_and_tables_that_disagree
     assert alarm.sentence == "run 2 is 6.2 sds from other runs in p1; it follows no law"
     record = conclude(fit, reasons={foreign.name: "a gear of 7:1"}, misfit={foreign.name: ("odd",)})
     assert record.outliers[0].sentence.endswith("; a gear of 7:1")
-    steady = "too few runs have a time, so drifts are not searched"
+    steady = "fewer than 8 different times, so drifts are not searched"
     assert record.verdict == (
         f"40 runs: {steady}; run 2 does not belong; the nominal values disagree in p1"
     )

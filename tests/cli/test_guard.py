@@ -20,6 +20,7 @@ from support.case_tables import run_cases
 from support.command_line import STOPPING
 
 from bayesdrill import guard
+from bayesdrill.basics import progress
 from bayesdrill.basics.errors import ErrorCollector, InputError
 from bayesdrill.guard import INPUT_WRONG, INTERRUPTED, guarded, never_silent, saved_in
 from bayesdrill.output_files import POSTERIOR
@@ -226,7 +227,7 @@ def test_a_number_of_threads_that_is_none_counts_as_unset(threads: str) -> None:
 def test_a_long_silence_says_that_it_is_at_work(
     monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    """And what speaks by itself is not interrupted."""
+    """What speaks by itself, or waits for files, is not interrupted."""
     streams, now = (sys.stdout, sys.stderr), [0.0]
     monkeypatch.setattr(guard, "time", SimpleNamespace(monotonic=lambda: now[0]))
     with never_silent(0.5):
@@ -237,6 +238,9 @@ def test_a_long_silence_says_that_it_is_at_work(
         for _ in range(12):
             now[0] += 0.1
             print("mine")
+        progress.WAITING.set()
+        now[0] += 5.0
+        time.sleep(0.2)
     assert (sys.stdout, sys.stderr) == streams
     shown = capsys.readouterr()
     assert shown.out == 12 * "mine\n"

@@ -5,6 +5,7 @@
 
 import errno
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -112,11 +113,9 @@ SPOIL: dict[str, Callable[[Path, Patch], None]] = {
     ),
     "no_simulation": lambda folder, _: lines_of(folder / "campaign.yaml", lambda x: x[:6]),
     "full_at_figure": lambda _, patch: full(patch, "runs.png"),
-    **{
-        make.__name__: make
-        for make in (cut_table, folder_of_draws, full_at_draws, locked, lose_after_check)
-    },
-    **{make.__name__: make for make in (other_form, read_only)},
+    "no_pyarrow": lambda _, patch: patch.setitem(sys.modules, "pyarrow", None),
+    **{make.__name__: make for make in (cut_table, folder_of_draws, full_at_draws, locked)},
+    **{make.__name__: make for make in (lose_after_check, other_form, read_only)},
 }
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from support.case_tables import run_cases
 from support.command_line import REFUSALS, assert_refused, cli, listing, posterior, small_config
 
@@ -16,21 +17,23 @@ NUMBERS = ("--high", "12", "--hold", "1", "--draws", "2")
 
 
 def test_a_design_is_printed_and_written(tmp_path: Path) -> None:
-    config, out = small_config(tmp_path), tmp_path / "next"
+    arrays = (("small.csv", "small.npz"), ("w_1: {column: w_1", "w_1: {variable: w_1"))
+    config, out = small_config(tmp_path, *arrays), tmp_path / "next"
+    table = np.genfromtxt(tmp_path / "small.csv", delimiter=",", names=True)
+    np.savez(tmp_path / "small.npz", **{name: table[name] for name in table.dtype.names})
     command = ("design", config, "--learn", "k_e, j_1", *NUMBERS, "--limit", "w_2=0:", "-o", out)
     result = cli(*command)
     assert result.status == 0, result.text
-    for text in (
-        "designed",
-        "2 draws of the prior",
-        "as recorded",
-        "prbs",
-        "k_e: from 31 % to",
-        "keep the limits 0 <= w_2",
-    ):
-        assert text in result.out
+    shown, head = (
+        " ".join(result.out.split()),
+        "now as recorded step prbs chirp multisine steps coast",
+    )
+    for text in (head, "2 draws of the prior", "k_e: from 31 % to", "keep the limits 0 <= w_2"):
+        assert text in shown
     figures = {"figures", "figures/design.pdf", "figures/design.png"}
     assert {*listing(out)} == {"waveform.csv", "coming.yaml", "design.csv", "design.md"} | figures
+    coming = yaml.safe_load((out / "coming.yaml").read_text())["record"]["channels"]
+    assert coming["w_1"] == {"column": "w_1", "unit": "rad/s", "sigma": 0.05}
     waveform = np.genfromtxt(out / "waveform.csv", delimiter=",", names=True)
     assert waveform["t"][-1] == 5.0
     assert 0.0 <= waveform["v"].min() < waveform["v"].max() <= 12.0

@@ -41,9 +41,9 @@ def _opening(design: ExperimentDesign) -> str:
     waveform = "a waveform" if len(design.levels) == 1 else f"{len(design.levels)} waveforms"
     promised = "expected log odds" if design.log_odds else "promised relative sds"
     return (
-        f"{waveform} of {source.input} for {source.t[-1]:g} s: {count_noun(source.count, 'level')} "
-        f"from {source.low:g} to {source.high:g}, each held for "
-        f"{source.interval:g} s ({family})\n"
+        f"{waveform} of {source.input} for {source.t[-1]:.4g} s: {count_noun(source.count, 'level')} "
+        f"from {source.low:.4g} to {source.high:.4g} in SI, each held for "
+        f"{source.interval:.4g} s ({family})\n"
         f"{promised}, {where}:"
     )
 
