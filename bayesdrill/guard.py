@@ -20,7 +20,7 @@ from typing import Any, TextIO, cast
 
 import typer
 
-from bayesdrill.basics import errors, progress
+from bayesdrill.basics import errors
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.registry import blamed_package
 
@@ -135,12 +135,10 @@ def never_silent(silence: float = SILENCE) -> Iterator[None]:
         return
     out, err, done, begun = _Watched(sys.stdout), _Watched(sys.stderr), Event(), time.monotonic()
     sys.stdout, sys.stderr = cast(Any, out), cast(Any, err)
-    progress.WAITING.clear()
 
     def watch() -> None:
         while not done.wait(silence / 10):
-            silent = time.monotonic() - max(out.written, err.written) >= silence
-            if silent and not progress.WAITING.is_set():
+            if time.monotonic() - max(out.written, err.written) >= silence:
                 with suppress(OSError, ValueError):
                     err.write(f"  still working, for {time.monotonic() - begun:.0f} s by now\n")
                     err.flush()

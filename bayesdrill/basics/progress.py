@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from threading import Event
 from typing import Any, Protocol, TextIO, runtime_checkable
 
 from bayesdrill.basics.errors import printable
@@ -37,7 +36,6 @@ class Silent:
 
 
 SILENT = Silent()
-WAITING = Event()  # set while a command waits for files, so that it need not say that it works
 
 
 @dataclass(slots=True)
@@ -104,6 +102,15 @@ def _time_left(elapsed: float, fraction: float) -> str:
     seconds = elapsed * (1 - fraction) / fraction
     time_left = f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
     return f", about {time_left} left"
+
+
+def rest(seconds: float) -> None:
+    """Sleep; an empty text on stderr each second tells `guard.never_silent` that nothing is done."""
+    end = time.monotonic() + seconds
+    while (remaining := end - time.monotonic()) > 0:
+        if sys.stderr is not None:
+            sys.stderr.write("")
+        time.sleep(min(remaining, 1.0))
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.progress import WAITING, Reporter
+from bayesdrill.basics.progress import Reporter, rest
 from bayesdrill.campaigns.conclusion import Alarm
 from bayesdrill.campaigns.records import KnownRecords, stamp_of
 from bayesdrill.campaigns.runs import CampaignPlan, read_plan
@@ -63,9 +63,7 @@ def _next_plan(
     """Wait until the state of `plan` differs from `seen`, and return the new plan."""
     while True:
         while (state := _state(plan, bad)).items() <= seen.items():
-            WAITING.set()
-            time.sleep(interval)
-        WAITING.clear()
+            rest(interval)
         try:
             return read_plan(path)
         except InputError as error:  # perhaps half of a file, so it is read again when it changes
