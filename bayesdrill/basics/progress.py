@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import time
@@ -106,11 +107,11 @@ def _time_left(elapsed: float, fraction: float) -> str:
 
 def rest(seconds: float) -> None:
     """Sleep; an empty text on stderr each second tells `guard.never_silent` that nothing is done."""
-    end = time.monotonic() + seconds
-    while (remaining := end - time.monotonic()) > 0:
+    times = math.ceil(seconds)
+    for _ in range(times):
         if sys.stderr is not None:
             sys.stderr.write("")
-        time.sleep(min(remaining, 1.0))
+        time.sleep(seconds / times)
 
 
 @contextmanager

@@ -79,7 +79,7 @@ def servo_with_pendulum() -> tuple[dict[str, Any], list[dict[str, Any]]]:
         record = json.loads(source.read_text("utf-8"))
         file = BUILD / "bam" / f"kp{record['kp']}_{record['trajectory']}.csv"
         on = [entry["temp"] for entry in record["entries"] if entry["torque_enable"]]
-        noted = {"temperature": float(np.mean(on)), "log_gain": float(np.log(record["kp"]))}
+        noted = {"temperature": float(np.mean(on))}
         runs.append({"file": str(file), "time": float(len(runs)), "noted": noted})
     return single("bam"), runs
 

@@ -56,9 +56,9 @@ def test_a_campaign_is_computed_again_only_when_files_come_or_change(
 
     monkeypatch.setattr(watch, "run_campaign", compute)
     monkeypatch.setattr(watch.time, "sleep", sleep)
+    monkeypatch.setattr(watch, "rest", sleep)
     said = list[dict[str, str]]()
-    crew = cast("RefitExecutor", None)
-    lines = watch.watch(path, tmp_path / "out", crew, SILENT, 5.0, once=False)
+    lines = watch.watch(path, tmp_path / "o", cast("RefitExecutor", None), SILENT, 5.0, once=False)
     with pytest.raises(KeyboardInterrupt):
         said.extend(map(json.loads, lines))
     assert computed == [6, 7, 7, 8]
