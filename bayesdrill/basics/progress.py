@@ -106,7 +106,7 @@ def _time_left(elapsed: float, fraction: float) -> str:
 
 
 def rest(seconds: float) -> None:
-    """Sleep; empty texts on stderr keep `guard.never_silent` quiet meanwhile."""
+    """Wait; empty texts on stderr keep `guard.never_silent` quiet meanwhile."""
     times = math.ceil(seconds)
     for _ in range(times):
         if sys.stderr is not None:
