@@ -20,7 +20,6 @@ REVERSED = Train(
 COULOMB = {"j_arm": 0.02, "c_arm": 0.03, "t_c_arm": 0.2, "t_c_arm_backward": 0.1}
 STRIBECK = {**COULOMB, "t_s_arm": 0.3, "w_s_arm": 0.5}
 LAWS = {
-    "Coulomb": COULOMB,
     "static": {**STRIBECK, "t_s_arm_backward": 0.15},
     "viscous": {**COULOMB, "c_arm_backward": 0.08},
 }
