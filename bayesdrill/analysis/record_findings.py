@@ -92,9 +92,9 @@ def _motion(
     u = np.interp(t, experiment.t, experiment.series.get(drive, constant))
     others = [x for name, x in experiment.series.items() if name != drive]
     by_time = [np.interp(t, experiment.t, x) for x in others]
-    effect, back = _effects(w, angle, u, by_time, t)
-    if kind == "goal":  # a servo has w = a goal - b angle, with a / b near one
-        effect, back = _effects(angle, integral(angle, np.diff(t)), u, by_time, t)
+    # A servo has w = a goal - b angle, with a / b near one; integrated once, it has the same form.
+    moved = (angle, integral(angle, np.diff(t))) if kind == "goal" else (w, angle)
+    effect, back = _effects(*moved, u, by_time, t)
     response = sign * float(np.sign(effect))
     travel = float(np.abs(w).sum())
     one_way = float(np.maximum(w * np.sign(w.sum()), 0.0).sum()) > ONE_WAY_SHARE * travel
@@ -105,10 +105,10 @@ def _motion(
     if response < 0 and (fed < 0 or kind == "goal"):
         yield Finding("opposite signs", names)
         return
-    turns = inertia.reduction * sum(channel.weights.values())
-    times = -effect / (back * turns) if back < 0 else 1.0
-    if kind == "goal" and not 1 / MAX_GOAL_RATIO < times < MAX_GOAL_RATIO:
-        yield Finding("unit of a goal", names, {"times": times})
+    if kind == "goal" and back < 0:
+        times = -effect / (back * inertia.reduction * sum(channel.weights.values()))
+        if not 1 / MAX_GOAL_RATIO < times < MAX_GOAL_RATIO:
+            yield Finding("unit of a goal", names, {"times": times})
     if response < 0 and one_way and sign * _correlation(u, w) < FALLING_CORRELATION:
         yield Finding("speed falls", names)
         return

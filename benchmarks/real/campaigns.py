@@ -17,7 +17,7 @@ from ruamel.yaml import YAML
 
 import bayesdrill as bd
 from bayesdrill.campaigns.fit import PopulationFit
-from benchmarks.real.bam_records import convert_all
+from benchmarks.real.bam_records import FOLDER, convert
 from benchmarks.real.bench import DATA, HERE
 from benchmarks.real.servos import BAM
 
@@ -73,14 +73,13 @@ def waterloo() -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 def servo_with_pendulum() -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """The motor warms up from 28 to 39 degrees, while the gain rises from 100 to 800."""
-    convert_all(BAM)
-    runs = []
+    runs: list[dict[str, Any]] = []
     for source in map(BAM.place, BAM.files):
         record = json.loads(source.read_text("utf-8"))
-        file = BUILD / "bam" / f"kp{record['kp']}_{record['trajectory']}.csv"
         on = [entry["temp"] for entry in record["entries"] if entry["torque_enable"]]
         noted = {"temperature": float(np.mean(on))}
-        runs.append({"file": str(file), "time": float(len(runs)), "noted": noted})
+        file = str(convert(source, FOLDER))
+        runs.append({"file": file, "time": float(len(runs)), "noted": noted})
     return single("bam"), runs
 
 

@@ -227,7 +227,7 @@ def test_a_number_of_threads_that_is_none_counts_as_unset(threads: str) -> None:
 def test_a_long_silence_says_that_it_is_at_work(
     monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    """What speaks by itself, or waits for files, is not interrupted."""
+    """A command that prints, or that waits for files, is not interrupted."""
     streams, now = (sys.stdout, sys.stderr), [0.0]
     monkeypatch.setattr(guard, "time", SimpleNamespace(monotonic=lambda: now[0]))
     with never_silent(0.5):

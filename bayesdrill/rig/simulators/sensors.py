@@ -170,13 +170,9 @@ class SensorParameters:
 
     def acting_input(self, name: str, full: Array) -> Array:
         """Return an input with its sensor's gain and offset, without a lag, at `full (1, P)`."""
-
-        def value(names: Mapping[str, str], default: float) -> float:
-            return float(self.column(names[name], full)[0]) if name in names else default
-
-        recorded = self.experiment.series.get(name, self.experiment.constant.get(name, 0.0))
-        gain, offset = value(self.sensing.input_gains, 1.0), value(self.sensing.input_offsets, 0.0)
-        return np.asarray(gain * recorded + offset)
+        p = dict(zip(self.parameters, full[0].tolist(), strict=True))
+        recorded = {name: 0.0, **self.experiment.constant, **self.experiment.series}
+        return np.asarray(self.observed_model.acting(p, recorded)[name])
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
