@@ -32,6 +32,7 @@ from bayesdrill.tasks.remote import RefitExecutor
 REFERENCE, RECORD = "reference.json", "campaign.json"
 FORM = 2  # version of both files
 OUTLIERS = "outliers"  # stands for all outliers in `--page`
+RESUME, WATCH_AGAIN = "continue with --resume", "`bayesdrill watch` continues it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +83,8 @@ def run_campaign(
             done = len(list((output / DRAWS).glob("*.parquet")))
             return f"{done} of {len(plan.runs)} runs are kept in {output}"
 
-        with interruptions(folder, progress, (InputError,)):
+        way_out = RESUME if cached_records is None else WATCH_AGAIN
+        with interruptions(folder, progress, (InputError,), way_out):
             reference = _reference(job, folder, crew, report)
             marks = fits.draws_marks(digests, reference)
             campaign = CheckedCampaign(plan=plan, job=job, reference=reference, marks=marks)

@@ -19,7 +19,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, affine_map
 from bayesdrill.inference.noise.contract import Noise, SimulatorResiduals, fit_noise
-from bayesdrill.inference.noise.mixed import noise_for_record, noise_key
+from bayesdrill.inference.noise.mixed import noise_for_record, noise_key, normal_noise
 from bayesdrill.inference.unknowns import (
     Directions,
     ParameterSpace,
@@ -79,6 +79,16 @@ class Observation:
     def with_record(self, y: Array) -> Self:
         """Return the observation of another record `y (T, K)` of the same experiment."""
         return dataclasses.replace(self, response=self.response.with_record(y))
+
+    def with_normal_noise(self) -> Self:
+        """Return the observation with normal noise, or itself if no noise has heavy tails."""
+        noise = normal_noise(self.noise)
+        if noise is self.noise:
+            return self
+        known = {unknown.name for unknown in noise.unknowns}
+        pairs = zip(self.noise.unknowns, self.noise_names, strict=True)
+        names = [name for unknown, name in pairs if unknown.name in known]
+        return dataclasses.replace(self, noise=noise, noise_names=names)
 
     def simulator_parameters(self, full: Array) -> Array:
         """Select the columns of `full (..., P)` that the simulator takes."""

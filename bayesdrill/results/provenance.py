@@ -240,7 +240,10 @@ def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> N
 
 @contextmanager
 def interruptions(
-    folder: Folder, progress: Callable[[], str], errors: tuple[type[Exception], ...] = ()
+    folder: Folder,
+    progress: Callable[[], str],
+    errors: tuple[type[Exception], ...] = (),
+    way_out: str = "continue with --resume",
 ) -> Iterator[None]:
     """Record an interruption in `run.json`; after a signal, raise `Interrupted` with `progress`."""
     stops: tuple[type[Exception], ...] = (BrokenProcessPool, *errors)
@@ -251,5 +254,5 @@ def interruptions(
         if stopped or isinstance(error, stops):
             folder.write_run(status="interrupted")
         if stopped:
-            raise Interrupted(f"stopped; {progress()}; continue with --resume") from None
+            raise Interrupted(f"stopped; {progress()}; {way_out}") from None
         raise

@@ -16,6 +16,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.findings import Finding
 from bayesdrill.inference import inverse_dynamics, laplace, step_error
 from bayesdrill.inference.laplace import LogDensity
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import StepSizes
 from bayesdrill.sampling import multiple_modes
@@ -121,7 +122,8 @@ def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
     """Return starts of searches in SI, `(n, D)`.
 
     The first start is that of inverse dynamics if there is one, else the configured start.  Each
-    further start is the best of `CANDIDATES_PER_START` prior draws.
+    further start is the best of `CANDIDATES_PER_START` prior draws.  If noise has heavy tails, each
+    start is then improved with normal noise.
     """
     first = inverse_dynamics.regression_start(posterior)
     if first is None:
@@ -130,7 +132,23 @@ def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
     for _ in range(n - 1):
         candidates = posterior.space.draw(CANDIDATES_PER_START, rng)
         others.append(candidates[int(np.argmax(posterior.density(candidates)))])
-    return np.array([first, *others])
+    return _improved(posterior, np.array([first, *others]))
+
+
+def _improved(posterior: Posterior, starts: Array) -> Array:
+    """Climb from `starts (S, D)` with normal noise if the noise has heavy tails; keep better starts.
+
+    Samples that are far from the response of a bad start count as outliers if tails are heavy, so the
+    density has maxima at which the response ignores a part of the record.
+    """
+    if all(each.with_normal_noise() is each for each in posterior.likelihood.observations):
+        return starts
+    normal = posterior.edit(convert=Observation.with_normal_noise)
+    u = posterior.coordinates.from_physical(starts)
+    climbed = gauss_newton(LogDensity(normal, physical=True), u, POLISH_STEPS).u
+    ends = posterior.coordinates.to_physical(climbed)
+    is_better = posterior.density(ends) > posterior.density(starts)
+    return np.where(is_better[:, None], ends, starts)
 
 
 def task(posterior: Posterior) -> Task:

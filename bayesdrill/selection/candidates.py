@@ -14,7 +14,7 @@ from bayesdrill.selection.absorbing_changes import absorbing_changes
 from bayesdrill.selection.change import AR1, BOTH, LINEAR, NOTHING, START, Change
 from bayesdrill.selection.config_edits import SHARED, Entries, merged
 from bayesdrill.selection.measuring_changes import changed_columns, changed_times, widened_priors
-from bayesdrill.selection.physics_changes import added_inertias, added_physics
+from bayesdrill.selection.physics_changes import added_gravity, added_inertias, added_physics
 from bayesdrill.selection.scales import scale_entries
 from bayesdrill.selection.setting import Setting
 
@@ -86,7 +86,7 @@ class CandidateModels(Setting):
         """Return all changes by name, in the order in which they are tried."""
         scales = (Change(*entries) for entries in scale_entries(self.job))
         measuring = (*widened_priors(self), *changed_columns(self), *changed_times(self))
-        physics = (*added_physics(self), *added_inertias(self))
+        physics = (*added_physics(self), *added_inertias(self), *added_gravity(self))
         every = (*scales, *measuring, *physics, *absorbing_changes(self))
         return {change.name: change for change in every if change.entries}
 

@@ -1,4 +1,4 @@
-"""Build changes that add physics to the rig: frictions, limits of servos, and inertias."""
+"""Build changes that add physics to the rig: frictions, limits of servos, inertias and gravity."""
 
 from __future__ import annotations
 
@@ -40,6 +40,8 @@ INERTIA_RANGE = (0.01, 10.0)  # a further inertia, divided by the inertia to whi
 # Starts of searches for a further inertia: its fraction of the original inertia, the number of
 # stiffnesses, and damping / (inertia * frequency).
 SOUGHT_SHARE, SOUGHT_SWINGS, SOUGHT_DAMPING = 0.3, 6, 0.05
+# Longest period of a small swing under gravity that is sought, divided by the length of the record.
+LONGEST_SWING = 3.0
 
 
 def added_physics(setting: Setting) -> Iterator[Change]:
@@ -189,8 +191,7 @@ def _inertia(
 
     Its period on this spring is at least two samples and at most the length of the record.
     """
-    weight, (step, longest) = setting.weights[at.name] / at.reduction**2, setting.span
-    slow, fast = 2 * math.pi / longest, math.pi / step
+    weight, (slow, fast) = setting.weights[at.name] / at.reduction**2, _frequencies(setting)
     priors = (
         log_uniform(*(weight * fraction for fraction in INERTIA_RANGE)),
         log_uniform(weight * slow**2, weight * fast**2),
@@ -205,6 +206,32 @@ def _inertia(
     words = f"one more inertia on a spring {at.at}"
     lines = merged(lines, {"parameters": dict(zip(names, priors, strict=True))})
     return Change(f"inertia_{at.name}", words, lines, optional=names[2], starts=tuple(starts))
+
+
+def added_gravity(setting: Setting) -> Iterator[Change]:
+    """Yield changes that make an inertia of a train a pendulum, which hangs down at the angle zero.
+
+    The frequency of its small swings is at most half the rate of sampling.
+    """
+    given, (slow, fast) = setting.data.get("model", {}), _frequencies(setting)
+    if "inertias" not in given or given.get("motion") == "linear":
+        return
+    for at in setting.rig.roles.inertias:
+        if at.weight or at.name not in setting.weights or at.speed not in setting.rig.states:
+            continue
+        name, inertia = f"g_{at.name}", setting.weights[at.name]
+        prior = log_uniform(inertia * (slow / LONGEST_SWING) ** 2, inertia * fast**2)
+        lines = setting.model_entries({"gravity": [*given.get("gravity", ()), at.name]})
+        sought = np.geomspace(2.0 * slow, 0.5 * fast, SOUGHT_SWINGS).tolist()
+        starts = tuple({name: inertia * w**2} for w in sought)
+        lines = merged(lines, {"parameters": {name: prior}})
+        yield Change(f"gravity_{at.name}", f"gravity {at.at}", lines, starts=starts)
+
+
+def _frequencies(setting: Setting) -> tuple[float, float]:
+    """Return the lowest and the highest angular frequency that a record shows, in rad/s."""
+    step, longest = setting.span
+    return 2 * math.pi / longest, math.pi / step
 
 
 def _of_physics(name: str, words: str, priors: Entries, kind: int = COULOMB) -> Change:

@@ -10,6 +10,9 @@ from support.scipy_oracles import NOMINAL
 from support.small_problems import noisy_step, posterior, replace_only, with_start
 
 from bayesdrill.inference.laplace import TAIL_MASS
+from bayesdrill.inference.noise.contract import NoisyChannel
+from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed
+from bayesdrill.inference.noise.student_t import StudentT
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import HalfNormal, Prior, Uniform
 from bayesdrill.sampling import mode_search
@@ -69,6 +72,22 @@ def test_starts_begin_with_the_configured_one() -> None:
     starts = mode_search.starts(target, 3, np.random.default_rng(1))
     assert starts[0] == pytest.approx([0.05, 0.3])
     assert np.isfinite(target.density(starts)).all()
+
+
+def test_a_start_is_improved_with_normal_noise_if_tails_are_heavy() -> None:
+    """Otherwise all of a record but a few samples may count as outliers."""
+    target = two_unknowns()
+    noisy = [
+        NoisyChannel(channel=c, sigma=s, start=s, entries={"degrees": 3.0})
+        for c, s in zip(RECORD.channels, SIGMA.tolist(), strict=True)
+    ]
+    heavy = StudentT.from_channels(noisy, 200)
+    for noise in (heavy, Mixed((ChannelNoise(heavy, (0, 1, 2, 3)),))):
+        likelihood = replace_only(target.likelihood, noise=noise)
+        bad = {"k_e": 0.08, "k_s": 0.15}
+        tailed = with_start(dataclasses.replace(target, likelihood=likelihood), bad)
+        (start,) = mode_search.starts(tailed, 1, np.random.default_rng(1))
+        assert start == pytest.approx([NOMINAL["k_e"], NOMINAL["k_s"]], rel=0.01)
 
 
 def test_a_search_that_ends_on_a_slope_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

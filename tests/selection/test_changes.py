@@ -156,6 +156,13 @@ def test_a_train_gets_one_more_inertia_at_each(tmp_path: Path) -> None:
     assert lines["model"]["inertias"] == ["arm", "arm_end"]
     assert lines["initial"] == {"theta_arm_end": 0.5}
     assert {"j_arm_end", "k_arm_end_spring", "c_arm_end_spring"} <= {*longer.problem.names}
+    assert models_of(pendulum(tmp_path, "{}")).rungs([("gravity_arm",)]) == []  # has it already
+
+
+def test_a_train_gets_gravity_on_each_inertia_without_it(tmp_path: Path) -> None:
+    lines, hanging = changed(motor(tmp_path), "gravity_hub")
+    assert lines["model"] == {"gravity": ["hub"]}
+    assert hanging.problem.names == ("j_hub", "g_hub")
 
 
 def test_friction_backwards_has_the_prior_of_that_forwards(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import signal
 import time
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -112,6 +113,9 @@ def test_a_population_is_sampled_again_only_when_something_that_decides_it_chang
     copy.command("watch", "--once")
     assert sampled == [4, 4]
     assert copy.record["mark"] != json.loads(pages["campaign.json"])["mark"]
+    replace_text(copy.path.parent / "runs" / "runs.csv", "run_2,1.5", "run_2,1.7")
+    monkeypatch.setattr(study, "fit_population", Mock(side_effect=KeyboardInterrupt))
+    assert "`bayesdrill watch` continues it" in copy.command("watch", "--once").text
 
 
 @pytest.mark.slow

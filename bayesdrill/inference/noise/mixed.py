@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,6 +25,11 @@ class ChannelNoise:
 def noise_key(noise: Noise) -> object:
     """Return plain data that identify a kind of noise in stored results, without its values."""
     return getattr(noise, "key", type(noise).__name__)
+
+
+def normal_noise(noise: Noise) -> Noise:
+    """Return the normal noise with the same scales, or `noise` itself if it has no heavy tails."""
+    return getattr(noise, "normal", noise)
 
 
 def noise_for_record(noise: Noise, t: Array, is_measured: Flags) -> Noise:
@@ -67,6 +72,13 @@ class Mixed:
     def n_channels(self) -> int:
         """Return the number of channels."""
         return sum(len(part.columns) for part in self.noises)
+
+    @property
+    def normal(self) -> Mixed:
+        """Return the noise with normal parts, or itself if no part has heavy tails."""
+        parts = tuple(replace(part, noise=normal_noise(part.noise)) for part in self.noises)
+        pairs = zip(parts, self.noises, strict=True)
+        return Mixed(parts) if any(new.noise is not old.noise for new, old in pairs) else self
 
     def for_length(self, n_samples: int) -> Mixed:
         parts = (ChannelNoise(p.noise.for_length(n_samples), p.columns) for p in self.noises)

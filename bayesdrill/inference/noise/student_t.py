@@ -60,6 +60,11 @@ class StudentT(IndependentNoise):
         own = degrees.unknowns(channels, "nu", meaning, prior=prior, start=START_DEGREES)
         return cls(levels=levels, degrees=degrees, unknowns=(*levels.unknowns, *own))
 
+    @property
+    def normal(self) -> White:
+        """Return normal noise with the same scales."""
+        return self.levels
+
     def fixed_values(self) -> Mapping[int, object]:
         return self.degrees.with_sizes(self.levels.known)
 
