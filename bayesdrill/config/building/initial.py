@@ -18,6 +18,11 @@ def check_initial(errors: IssueCollector, config: Config, model: Model) -> dict[
         silent = initial.state == "steady" and name not in initial.model_fields_set
         if isinstance(value, float | int | numbers.Quantity) and not silent:
             states[name] = errors.run(("initial", name, "unit"), to_si, value, unit)
+    for motor in model.roles.motors:
+        name = motor.current
+        if name in initial.model_fields_set and name not in (*model.states, *model.inputs):
+            message = f"without {motor.inductance} the current has no start of its own"
+            errors.add(("initial", name), f"{message}; remove this entry")
     if initial.state == "steady":
         _check_steady(errors, config, model)
     return {name: value for name, value in states.items() if value is not None}
