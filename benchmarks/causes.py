@@ -15,7 +15,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -203,6 +203,31 @@ def decay(
     return Bench(said, clean, sigma, {}, t)
 
 
+def arm(rng: np.random.Generator, weight: float, *, geared: bool) -> Bench:
+    """An arm of this weight that a torque swings, or a motor by a voltage through a gear."""
+    inertias, drive = (("motor", "arm"), "motor") if geared else (("arm",), "arm")
+    model: Config = {"inertias": [*inertias], "drives": {drive: "voltage" if geared else "torque"}}
+    model |= {"gears": {"box": {"between": ["motor", "arm"], "ratio": 0.05}}} if geared else {}
+    motor = {"j_motor": 1e-5, "k_T_motor": 0.03, "k_e_motor": 0.03, "r_motor": 2.0}
+    truth = {name: about(value, rng) for name, value in {"j_arm": 0.02, "c_arm": 0.01}.items()}
+    known, t = motor if geared else {}, DT * np.arange(500)
+    names = {**truth, **known}
+    rig = bd.Train(**{**model, "inertias": inertias}, gravity=("arm",))
+    rig = replace(rig, added=tuple(name for name in rig.offers if name in names))
+    name, unit = ("u_motor", "V") if geared else ("t_arm", "N*m")
+    push = both_ways(t, rng, 4.0 if geared else 0.7)
+    moved = bd.respond(rig, {**names, "g_arm": weight}, t, {name: push}, ["theta_arm"])
+    sigma = {"theta_arm": 0.01}
+    said = config(
+        "arm",
+        {"theta_arm": {"unit": "rad", "sigma": 0.01}},
+        inputs={name: {"column": name, "unit": unit}},
+        model={"name": "train", **model},
+        parameters={**known, **{name: log_uniform(x) for name, x in truth.items()}},
+    )
+    return Bench(said, dict(moved), sigma, {name: push}, t)
+
+
 def delayed(y: Array, samples: int) -> Array:
     return np.concatenate([np.full(samples, y[0]), y[: len(y) - samples]])
 
@@ -326,6 +351,10 @@ def drag(rng: np.random.Generator, seed: int) -> tuple[Bench, str]:
     return (bench if seed % 4 == 2 else one_channel(bench, "x_cart")), "drag_cart"
 
 
+def gravity(rng: np.random.Generator, seed: int) -> tuple[Bench, str]:
+    return arm(rng, rng.uniform(0.3, 1.2), geared=bool(seed % 2)), "gravity_arm"
+
+
 def held_at_first(rng: np.random.Generator, seed: int) -> tuple[Bench, str]:
     bench = decay(rng, {}, held=rng.uniform(0.05, 0.4))
     return (bench if seed % 2 else one_channel(bench, "x_cart")), "later"
@@ -335,7 +364,7 @@ KINDS: dict[str, Kind] = {
     each.__name__: each
     for each in (
         gain, offset, lag, friction, gear, damping, memory, sign, exchange, clock, drop, load_friction,
-        inertia, drag, held_at_first,
+        inertia, drag, gravity, held_at_first,
     )
 }  # fmt: skip
 

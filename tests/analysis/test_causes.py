@@ -248,57 +248,6 @@ def test_an_offset_and_dry_friction_of_a_motor_that_turns_one_way_are_not_recomm
     assert ("alike", {*both.words}) in [(each.kind, {*each.said_of}) for each in both.doubts]
 
 
-@pytest.mark.slow
-def test_friction_that_nearly_stops_a_motor_is_not_at_the_end_of_its_prior(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Short pulses of 1 V move it against 0.7 N m, and their root mean square is 0.3 V."""
-    t = 0.01 * np.arange(300)
-    u = np.sign(np.sin(2 * t)) * (np.abs(np.sin(2 * t)) > 0.99)
-    p = {"j_motor": 0.01, "k_T_motor": 1.0, "r_motor": 1.0, "c_motor": 0.02}
-    inertias = {"inertias": ("motor",), "drives": {"motor": "voltage"}}
-    rubbing = bd.Train(**inertias, added=("c_motor", "t_c_motor"))
-    w = bd.respond(rubbing, p | {"t_c_motor": 0.7}, t, {"u_motor": u}, ["w_motor"])["w_motor"]
-    w = w + 0.01 * np.random.default_rng(1).standard_normal(len(t))
-    free = {"prior": "log_uniform", "low": 1e-3, "high": 1.0}
-    case = bd.case(
-        t,
-        {"w_motor": bd.Channel(w, "rad/s", 0.01)},
-        {"u_motor": bd.Input(u, "V")},
-        p | {"j_motor": free, "c_motor": free},
-        rig=bd.Train(**inertias, added=("c_motor",)),
-    )
-    try_only(("friction_motor", "gain_u_motor"), monkeypatch)
-    causes = causes_of(case)
-    assert causes is not None
-    assert causes.best is not None
-    assert causes.best.parts == ("friction_motor",)
-    assert causes.best.new[0].value == pytest.approx(0.7, rel=0.05)
-
-
-@pytest.mark.slow
-def test_gravity_that_a_config_forgot_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The arm turns over the top, so no spring has the effect of its weight of 0.8 N m."""
-    t = 0.01 * np.arange(300)
-    torque = bd.Input(np.sign(np.sin(2.0 * t + 0.2)), "N*m")
-    arm: dict[str, Any] = {"inertias": ("arm",), "drives": {"arm": "torque"}}
-    p = {"j_arm": 0.02, "c_arm": 0.01}
-    hanging = bd.Train(**arm, gravity=("arm",), added=("c_arm",))
-    y = bd.respond(hanging, p | {"g_arm": 0.8}, t, {"t_arm": torque.values}, ["theta_arm"])
-    seen = y["theta_arm"] + 0.01 * np.random.default_rng(1).standard_normal(len(t))
-    assert np.ptp(seen) > 2 * np.pi
-    free = {"prior": "log_uniform", "low": 1e-3, "high": 1.0}
-    channels = {"theta_arm": bd.Channel(seen, "rad", 0.01)}
-    bare = bd.Train(**arm, added=("c_arm",))
-    case = bd.case(t, channels, {"t_arm": torque}, dict.fromkeys(p, free), rig=bare)
-    try_only(("gravity_arm", "direction_arm", "drag_arm"), monkeypatch)
-    causes = causes_of(case)
-    assert causes is not None
-    assert causes.best is not None
-    assert causes.best.parts == ("gravity_arm",)
-    assert causes.best.new[0].value == pytest.approx(0.8, rel=0.01)
-
-
 def cause(bayes: float, *parts: str) -> Cause:
     nothing: dict[str, Any] = {"lines": "", "lacks": parts, "new": (), "fit": (), "doubts": ()}
     return Cause(parts=parts, words=parts, gain=bayes + 3.0, bayes=bayes, **nothing)

@@ -81,10 +81,9 @@ def test_a_start_is_improved_with_normal_noise_if_tails_are_heavy() -> None:
         NoisyChannel(channel=c, sigma=s, start=s, entries={"degrees": 3.0})
         for c, s in zip(RECORD.channels, SIGMA.tolist(), strict=True)
     ]
-    heavy = StudentT.from_channels(noisy, 200)
+    heavy, bad = StudentT.from_channels(noisy, 200), {"k_e": 0.08, "k_s": 0.15}
     for noise in (heavy, Mixed((ChannelNoise(heavy, (0, 1, 2, 3)),))):
         likelihood = replace_only(target.likelihood, noise=noise)
-        bad = {"k_e": 0.08, "k_s": 0.15}
         tailed = with_start(dataclasses.replace(target, likelihood=likelihood), bad)
         (start,) = mode_search.starts(tailed, 1, np.random.default_rng(1))
         assert start == pytest.approx([NOMINAL["k_e"], NOMINAL["k_s"]], rel=0.01)

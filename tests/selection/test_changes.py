@@ -159,6 +159,12 @@ def test_a_train_gets_one_more_inertia_at_each(tmp_path: Path) -> None:
     assert models_of(pendulum(tmp_path, "{}")).rungs([("gravity_arm",)]) == []  # has it already
 
 
+def test_dry_friction_is_sought_beyond_the_largest_torque_of_the_motor(tmp_path: Path) -> None:
+    """It is 1 N m here; a root mean square would end before a friction that nearly stops the motor."""
+    lines, _ = changed(motor(tmp_path), "friction_hub")
+    assert lines["parameters"]["t_c_hub"]["high"] > 1.0
+
+
 def test_a_train_gets_gravity_on_each_inertia_without_it(tmp_path: Path) -> None:
     lines, hanging = changed(motor(tmp_path), "gravity_hub")
     assert lines["model"] == {"gravity": ["hub"]}
