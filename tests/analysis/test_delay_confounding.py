@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from support.case_tables import run_cases
 
+import bayesdrill as bd
 from bayesdrill.analysis.delay_confounding import delays_and_time_constants
-from bayesdrill.config.job import job_in_memory
 from bayesdrill.report.findings import finding_sentences
 
 J, C, DELAY = 0.1, 2.0, 0.005  # a time constant of 50 ms
@@ -27,23 +27,17 @@ def speed(torque: np.ndarray) -> np.ndarray:
 def findings(torque: np.ndarray, late: str):
     """Return findings at the truth, with an unknown delay of the input, of the channel, or none."""
     prior = {"prior": "uniform", "low": -0.02, "high": 0.02}
-    channel = {"column": "w", "unit": "rad/s", "sigma": 0.02}
-    entries = {
-        "name": "slow",
-        "seed": 1,
-        "record": {"channels": {"w_rotor": channel | ({"lag": prior} if late == "lag" else {})}},
-        "inputs": {"t_rotor": {"column": "m", "unit": "N*m", "hold": "zero"}}
-        | ({"t_0": prior} if late == "t_0" else {}),
-        "model": {"name": "train", "inertias": ["rotor"], "drives": {"rotor": "torque"}},
-        "parameters": {"j_rotor": PRIOR, "c_rotor": PRIOR},
-    }
-    posterior = job_in_memory({"t": T, "w": speed(torque), "m": torque}, entries).problem.posterior
-    values = {"j_rotor": J, "c_rotor": C, "t_0": DELAY, "lag_w_rotor": DELAY}
+    lag = {"lag": prior} if late == "lag" else {}
+    channels = {"w_2": bd.Channel(speed(torque), "rad/s", 0.02, **lag)}
+    inputs = {"t_m": bd.Input(torque, "N*m")} | ({"t_0": prior} if late == "t_0" else {})
+    case = bd.case(T, channels, inputs, {"j_m": PRIOR, "c_m": PRIOR}, rig="motor")
+    posterior = case.job.problem.posterior
+    values = {"j_m": J, "c_m": C, "t_0": DELAY, "lag_w_2": DELAY}
     theta = posterior.space.vector({name: values[name] for name in posterior.space.free})
     return [*delays_and_time_constants(posterior, theta)]
 
 
-@run_cases("late, name", [("t_0", "t_0"), ("lag", "lag_w_rotor")])
+@run_cases("late, name", [("t_0", "t_0"), ("lag", "lag_w_2")])
 def test_a_slow_input_leaves_a_delay_and_a_time_constant_apart_by_their_sum_alone(
     late: str, name: str
 ) -> None:

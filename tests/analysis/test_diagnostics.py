@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 from support.case_tables import run_cases
-from support.missing_physics import ar1, best
+from support.missing_physics import MEASURES, ar1, best
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment, posterior
 
@@ -170,9 +170,8 @@ AT = np.array([NOMINAL[name] for name in FREE])
 
 @cache
 def rig() -> Posterior:
-    measures = {"theta_1": {"theta_1": 1.0}, "w_2": {"w_2": 1.0}}
     series = {"v": 6.0 + 2.0 * ar1(0.9, (N,), 99)}
-    record = experiment(N, 0.01, series=series, constant={"t_1": 0.0}, measures=measures)
+    record = experiment(N, 0.01, series=series, constant={"t_1": 0.0}, measures=MEASURES)
     return posterior(record, SIGMA, free=FREE)
 
 

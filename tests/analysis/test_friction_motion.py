@@ -35,7 +35,8 @@ def test_a_law_is_shown_at_the_root_mean_square_of_the_weight_that_acts() -> Non
     curve = friction_curve(observation, motion, full)
     acting = np.sqrt(np.mean((0.5 * weight + 30.0) ** 2))
     acting_record = replace(record, series={"wob": 0.5 * weight + 30.0})
-    expected = simulator(rig, acting_record, ObservationModel()).signals(full[:, :-2])
+    perfect = np.array([[*full[0, :-2], 1.0, 0.0]])
+    expected = simulator(rig, acting_record, sensing).signals(perfect)
     assert response.signals(full) == pytest.approx(expected, rel=1e-12)
     w = curve.speeds[-1]
     torque = acting * P["b_0"] * (np.tanh(P["b_1"] * w) + P["b_2"] * w / (1 + P["b_3"] * w**2))

@@ -1,7 +1,8 @@
 """Predictions of samples without themselves, of samples held out, and of channels by frequency."""
 
-import dataclasses
+from collections.abc import Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -180,16 +181,17 @@ SENSORS = {"gain": 1.3, "lag": 0.017, "supply": 0.8}
 K_S = np.array([NOMINAL["k_s"]])
 
 
-def with_sensors(series: dict[str, Array], *, first_order: bool) -> Posterior:
+def with_sensors(
+    series: dict[str, Array], sigma: Sequence[float] = (0.1, 0.1), **entries: Any
+) -> Posterior:
     """Return one of an unknown k_s, with a gain, a lag and the gain of an input that are known."""
     sensing = ObservationModel(
         gains={"w_2": "gain"}, lags={"theta_1": "lag"}, input_gains={"v": "supply"}
     )
-    record = experiment(
-        M, DT, series=series, constant={}, measures=MEASURES, first_order=first_order
-    )
+    n = len(series["v"])
+    record = experiment(n, DT, series=series, constant={}, measures=MEASURES, **entries)
     rig = simulator(MotorShaft(), record, sensing)
-    return posterior_of(rig, (0.1, 0.1), {"k_s": Uniform(0.1, 1.0)}, NOMINAL | SENSORS)
+    return posterior_of(rig, sigma, {"k_s": Uniform(0.1, 1.0)}, NOMINAL | SENSORS)
 
 
 @run_cases("first_order", [False, True])
@@ -223,12 +225,11 @@ def test_the_response_of_the_model_is_that_of_simulated_sines(first_order: bool)
 def responses_of_record(k_s: float, seed: int) -> tuple[FrequencyResponse, ...]:
     """Return those of a model with `k_s`, of a nominal record under two correlated inputs."""
     rng, n, sigma = np.random.default_rng(seed), 6000, np.array([0.005, 0.5])
-    v = 4.0 * rng.standard_normal(n)
-    series = {"v": v, "t_1": 0.5 * rng.standard_normal(n) + 0.05 * v}
-    record = experiment(n, DT, series=series, constant={}, measures=MEASURES)
-    y = posterior(record, sigma, free=("k_s",)).likelihood.signals(K_S[None])[0]
-    record = dataclasses.replace(record, y=y + sigma * rng.standard_normal(y.shape))
-    return frequency_responses(posterior(record, sigma, free=("k_s",)), np.array([k_s]))
+    v = 5.0 * rng.standard_normal(n)
+    series = {"v": v, "t_1": 0.5 * rng.standard_normal(n) + 0.04 * v}
+    y = with_sensors(series).likelihood.signals(K_S[None])[0]
+    y = y + sigma * rng.standard_normal(y.shape)
+    return frequency_responses(with_sensors(series, sigma, y=y), np.array([k_s]))
 
 
 def deviation(response: FrequencyResponse, truth: FrequencyResponse) -> Array:

@@ -16,11 +16,10 @@ from bayesdrill.report.publish import drawings
 from bayesdrill.tasks import conclusions
 
 T = 0.02 * np.arange(1000)
-V = np.where(np.sin(0.9 * T) > 0, 6.0, 3.0)
+TORQUE = np.where(np.sin(0.9 * T) > 0, 3.0, 1.5)
 RHO = 0.5  # of the residuals: sds are too small by 1.7, and the fit is believed
 SAMPLER = {"walkers": 32, "ess": 400, "n_tau": 20}
-MOTOR = bd.Motor(added=("k_e", "k_T", "r_m", "l_m"))
-VALUES = {"j_m": 0.02, "c_m": 0.05, "k_e": 0.5, "k_T": 0.5, "r_m": 1.0, "l_m": 0.001}
+VALUES = {"j_m": 0.02, "c_m": 0.3}
 SDS = {"j_m": 8e-5, "c_m": 6e-5}  # as white noise would leave them
 NARROW, WIDE = 2.6, 12.0  # sds of priors over these
 
@@ -34,28 +33,23 @@ def without_causes(monkeypatch: pytest.MonkeyPatch) -> None:
 @cache
 def record(rho: float) -> np.ndarray:
     """Return the speed of the motor with autoregressive residuals."""
-    clean = bd.respond(MOTOR, VALUES, T, {"v": V}, "w_2")["w_2"]
+    clean = bd.respond("motor", VALUES, T, {"t_m": TORQUE}, "w_2")["w_2"]
     noise = ar1(rho, T.shape, 3)
     return clean + 0.05 * noise / noise.std()
 
 
-def motor(widths: float, rho: float = RHO, *, table: bool = False) -> bd.Case:
-    """Return a case whose two unknowns have normal priors of the sds `SDS` times `widths`."""
+@cache
+def run(widths: float, rho: float = RHO) -> bd.Run:
+    """Return a run whose two unknowns have normal priors of the sds `SDS` times `widths`."""
     priors = {
         name: {"prior": "normal", "mean": VALUES[name], "sd": sd * widths}
         for name, sd in SDS.items()
     }
     sigma = {"prior": "log_uniform", "low": 0.01, "high": 1.0}
     channels = {"w_2": bd.Channel(record(rho), "rad/s", sigma)}
-    nominal = {"nominal": {name: VALUES[name] for name in SDS}} if table else {}
-    return bd.case(
-        T, channels, {"v": bd.Input(V, "V")}, VALUES | priors, rig=MOTOR, sampler=SAMPLER, **nominal
-    )
-
-
-@cache
-def run(widths: float, rho: float = RHO) -> bd.Run:
-    return motor(widths, rho, table=widths == NARROW).sample(seed=1)
+    table, inputs = VALUES if widths == NARROW else None, {"t_m": bd.Input(TORQUE, "N*m")}
+    case = bd.case(T, channels, inputs, priors, rig="motor", sampler=SAMPLER, nominal=table)
+    return case.sample(seed=1)
 
 
 @pytest.mark.slow
@@ -99,9 +93,9 @@ def test_a_run_is_believed_whose_sandwich_sds_determine_as_well(widths: float, r
 
 def test_commands_end_with_status_3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     try_only({"offset_w_2"}, monkeypatch)
-    rows = np.stack([T, record(RHO), V], axis=-1)
+    rows = np.stack([T, record(RHO), TORQUE], axis=-1)
     config, folder = tmp_path / "c.yaml", tmp_path / "out"
-    np.savetxt(tmp_path / "r.csv", rows, delimiter=",", header="t,w,v", comments="")
+    np.savetxt(tmp_path / "r.csv", rows, delimiter=",", header="t,w,torque", comments="")
     config.write_text((CONFIGS / "motor.yaml").read_text(encoding="utf-8"))
     posterior = command_line.cli("posterior", config, "-o", folder, "--processes", "1")
     assert posterior.status == 3, posterior.text

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.case_tables import read_table, run_cases
 from support.command_line import ROOT
-from support.missing_physics import DT, MEASURES, SIGMA, N, best
+from support.missing_physics import DT, SIGMA, N, best
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment as experiment_of
 from support.small_problems import posterior_of, starts_believed, vector
@@ -113,7 +113,8 @@ def test_half_a_sample_moves_what_a_late_step_moves() -> None:
     """Against the fit of a record whose step was given half a sample late, to first order."""
     values, free = {**NOMINAL, "t_f": 1e-3}, ("j_m", "k_e", "k_s", "j_1")
     priors = {name: Uniform(0.3 * NOMINAL[name], 3 * NOMINAL[name]) for name in free}
-    clean = experiment_of(N, DT, measures=MEASURES, constant={"v": 8.0, "t_1": 0.0})
+    measures = {name: {name: 1.0} for name in ("theta_1", "w_1")}
+    clean = experiment_of(N, DT, measures=measures, constant={"v": 8.0, "t_1": 0.0})
     delayed = Response(MotorShaft(), clean, ObservationModel(delay="t_0"))
     fits = []
     for delay in (0.0, 0.5 * DT):

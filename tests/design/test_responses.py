@@ -15,6 +15,7 @@ from bayesdrill.design.source import SourceLimits
 from bayesdrill.design.targets import gradients, parse_targets
 
 SOURCE = SourceLimits(input="v", low=0.0, high=12.0, hold=0.5, duration=4.0, rate=40.0)
+SUPPLY = {"value": 5.0, "unit": "V", "offset": {"prior": "normal", "mean": 0.0, "sd": 0.1}}
 LEVELS = np.array([12.0, 3.0, 0.0, 11.0, 7.0, 12.0, 1.0, 5.0])
 
 
@@ -34,8 +35,9 @@ def small() -> SuperposedPulses:
 
 
 def test_superposed_pulses_have_the_information_of_the_simulated_waveform() -> None:
-    """They agree for a late channel with an unknown offset and AR(1) noise, too."""
-    for each in (small(), evaluation(two(channels={"theta_2": late_angle()}), ("k_s",))):
+    """They agree for a late channel with AR(1) noise, too, and with unknown offsets of both columns."""
+    late = two(channels={"theta_2": late_angle()}, inputs={"v": SUPPLY})
+    for each in (small(), evaluation(late, ("k_s",))):
         posterior = each.coming.posterior(LEVELS)
         study = SensitivityStudy(posterior.likelihood)
         draws = posterior.space.draw(3, np.random.default_rng(1))

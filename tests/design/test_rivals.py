@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.array_cases import two
+from support.array_cases import BOX, NOMINAL, two
 from support.command_line import assert_refused, cli, small_config
 
 import bayesdrill as bd
@@ -14,12 +14,11 @@ from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
-GEAR = bd.MotorShaft(i_m=1 / 7.9)
 
-
-def test_a_designed_experiment_tells_two_gears_apart_as_it_promises() -> None:
+def test_a_designed_experiment_tells_two_motors_apart_as_it_promises() -> None:
     """Fits of both models to noisy records have the promised log odds, within their scatter."""
-    ours, rival = two(), two(rig=GEAR)
+    usual = dict.fromkeys(NOMINAL, "nominal") | {"k_s": BOX, "t_f": BOX}
+    ours, rival = two(), two(parameters=usual | {"k_e": 1.0125 * NOMINAL["k_e"]})
     numbers = {"high": 12.0, "hold": 0.25, "duration": 1.0, "draws": 1}
     designed = ours.design(tell=rival, **numbers)
     odds = designed.design.log_odds

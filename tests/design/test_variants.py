@@ -7,7 +7,8 @@ from bayesdrill.report.sections.design import design_csv
 
 
 def test_repeats_rates_and_channels_change_the_sds_as_information_adds_up() -> None:
-    scales = {"theta_2": (np.pi / 180, 0.05), "w_1": (1.0, 0.1), "w_2": (1.0, 0.1)}
+    angle, speed = (np.pi / 180, 0.05), (1.0, 0.1)
+    scales = {"theta_1": angle, "theta_2": angle, "w_1": speed, "w_2": speed}
     case = two(channels={name: noisy(name, *scale) for name, scale in scales.items()})
     designed = case.design(("k_s", "t_f"), high=12.0, hold=0.24, duration=4.0, draws=1).design
     sds = np.array([target.designed for target in designed.targets])

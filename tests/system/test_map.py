@@ -30,16 +30,16 @@ FILES = {
 @cache
 def best() -> bd.Best:
     """The maximum of a twist in degrees and a speed in rpm, at 6000 mV."""
-    signals = ["theta_1 - theta_2", "w_1"]
+    signals = ["theta_1 - theta_2", "w_2"]
     exact = bd.respond(MotorShaft(), NOMINAL, T, {"v": 6.0}, signals)
     noise = np.random.default_rng(3).standard_normal((2, len(T)))
     twist = np.degrees(exact[signals[0]]) + noise[0]
-    speed = exact["w_1"] * 30 / np.pi + noise[1]
+    speed = exact["w_2"] * 30 / np.pi + noise[1]
     case = bd.case(
         T,
         {
             "twist": bd.Channel(twist, "deg", 1.0, measures=signals[0]),
-            "w_1": bd.Channel(speed, "rpm", 1.0),
+            "w_2": bd.Channel(speed, "rpm", 1.0),
         },
         {"v": bd.Input(np.full(len(T), 6000.0), "mV")},
         dict.fromkeys(NOMINAL, "nominal") | {"k_s": BOX, "k_e": BOX},
@@ -58,18 +58,18 @@ def test_the_prediction_is_the_response_in_the_units_of_the_record(tmp_path: Pat
     """Oracle: the matrix exponential at the values of the maximum."""
     table = columns(best().save(tmp_path / "out") / "prediction.csv")
     assert list(table) == [
-        *("t [s]", "twist measured [deg]", "twist predicted [deg]", "w_1 measured [rpm]"),
-        *("w_1 predicted [rpm]", "t_1 [N*m]", "v [mV]"),
+        *("t [s]", "twist measured [deg]", "twist predicted [deg]", "w_2 measured [rpm]"),
+        *("w_2 predicted [rpm]", "t_1 [N*m]", "v [mV]"),
     ]
     x = by_expm({**NOMINAL, **best().values}, T, np.zeros(5), 6.0, 0.0)
-    twist, speed = np.degrees(x[:, 0] - x[:, 1]), x[:, 2] * 30 / np.pi
+    twist, speed = np.degrees(x[:, 0] - x[:, 1]), x[:, 3] * 30 / np.pi
     assert table["twist predicted [deg]"] == pytest.approx(twist, rel=1e-7, abs=1e-7)
-    assert table["w_1 predicted [rpm]"] == pytest.approx(speed, rel=1e-7, abs=1e-7)
+    assert table["w_2 predicted [rpm]"] == pytest.approx(speed, rel=1e-7, abs=1e-7)
     assert table["t [s]"] == pytest.approx(T)
     assert (table["v [mV]"] == 6000.0).all()
     given = best().columns
     assert given is not None
-    for name, unit in (("twist", "deg"), ("w_1", "rpm")):
+    for name, unit in (("twist", "deg"), ("w_2", "rpm")):
         measured = table[f"{name} measured [{unit}]"]
         assert measured == pytest.approx(given[name], rel=1e-11)
         residuals = measured - table[f"{name} predicted [{unit}]"]

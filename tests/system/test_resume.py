@@ -15,6 +15,7 @@ from support.case_tables import run_cases
 from support.command_line import assert_refused, posterior, replace_text
 from support.finished_runs import FILES, UNREACHABLE, FinishedRun, copied_run
 from support.reporters import Stopping
+from support.small_problems import starts_believed
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import Interrupted
@@ -92,6 +93,7 @@ def test_a_run_cut_before_its_first_check_or_in_one_ensemble_cannot_be_reported_
 
 
 @run_cases("old, new, named", command_line.REFUSALS["resume"], copy=copied_run)
+@starts_believed()
 def test_resuming_another_config_names_what_changed_and_both_values(
     old: str, new: str, named: str, copy: FinishedRun
 ) -> None:

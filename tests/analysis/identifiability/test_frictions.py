@@ -25,7 +25,9 @@ from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
-RIG = MotorShaft()
+# One rig for all records, so that they share kernels; these values of what it has leave it linear.
+NEUTRAL = {"t_cm": 0.0, "t_sm": 0.0, "w_sm": 0.01, "v_d": 0.0, "c_s": 0.0, "c_1": 0.0, "eta": 1.0}
+RIG = with_named(MotorShaft(), NEUTRAL)
 SQUARE = np.where((T // 0.7) % 2 == 0, 5.0, -5.0)
 
 
@@ -36,8 +38,9 @@ def believed(
     start: Mapping[str, float] | None = None,
     scale: float = 1.0,
 ) -> Posterior:
-    """Return that of a rig with these `values` under a voltage, with `scale` times the noise."""
-    rig, known = with_named(RIG, values), {**NOMINAL, "t_f": 0.0, **values}
+    """Return that of the rig with these `values` under a voltage, with `scale` times the noise."""
+    at_rest = {"t_sm": values.get("t_cm", 0.0)}  # no more than sliding friction
+    known = {**NOMINAL, "t_f": 0.0, **NEUTRAL, **at_rest, **values}
     series = {"v": v} if isinstance(v, np.ndarray) else {}
     constant = {"t_1": 0.0} | ({} if series else {"v": v})
     record = experiment(
@@ -48,7 +51,7 @@ def believed(
         name: Uniform(0.2 * known[name], min(3.0 * known[name], largest.get(name, np.inf)))
         for name in free
     }
-    return posterior_of(simulator(rig, record, ObservationModel(), 2), scale * SIGMA, priors, known)
+    return posterior_of(simulator(RIG, record, ObservationModel(), 2), scale * SIGMA, priors, known)
 
 
 def confounding(target: Posterior) -> FrictionConfounding:
@@ -153,6 +156,7 @@ def test_the_stall_voltage_holds_all_friction(added: dict[str, float]) -> None:
     torque = 0.01 + added["t_cm"] + added.get("t_c1", 0.0) / 8
     volts = NOMINAL["r_m"] * torque / NOMINAL["k_T"] + added.get("v_d", 0.0)
     values = {**NOMINAL, "t_f": 0.01, **added}
-    assert stall_voltage(with_named(RIG, added), values) == pytest.approx(volts, rel=1e-9)
-    assert stall_voltage(RIG, {**NOMINAL, "t_f": 0.0}) == pytest.approx(0.0, abs=1e-12)
+    rig = with_named(MotorShaft(), added)
+    assert stall_voltage(rig, values) == pytest.approx(volts, rel=1e-9)
+    assert stall_voltage(MotorShaft(), {**NOMINAL, "t_f": 0.0}) == pytest.approx(0.0, abs=1e-12)
     assert stall_voltage(DrivenShaft(), {}) == 0.0
