@@ -139,7 +139,7 @@ def test_settings_that_are_not_the_same_everywhere_are_named() -> None:
 
 
 SIGMA, FREE = 0.05, ("k_e", "k_s", "j_1")
-MEASURES = {"w_1": {"w_1": 1.0}, "w_2": {"w_2": 1.0}}
+MEASURES = {"theta_1": {"theta_1": 1.0}, "w_1": {"w_1": 1.0}}
 
 
 def compared(stiffer: float, seed: int = 0) -> tuple[RepeatedProduct, ...]:

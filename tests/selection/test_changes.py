@@ -242,7 +242,7 @@ def test_a_servo_without_a_limit_is_tried_with_one(tmp_path: Path) -> None:
     model = "model: {name: train, inertias: [hub], drives: {hub: servo}}"
     inputs = "inputs: {goal_hub: {column: u, unit: rad}}"
     numbers = "{j_hub: J, k_T_hub: 1.0, r_hub: 1.0, supply_hub: 12.0, duty_hub: 0.5, c_hub: 0.3}"
-    models = models_of(job(tmp_path, HUB, f"{inputs}\n{model}", numbers))
+    models = CandidateModels(job(tmp_path, HUB, f"{inputs}\n{model}", numbers))
     lines, limited = changed(models, "saturation_hub")
     assert lines["parameters"] == {"limit_hub": {"prior": "uniform", "low": 0.0, "high": 1.0}}
     assert limited.problem.model.saturation is not None
