@@ -43,7 +43,7 @@ def hub(
     sigma: Any = 0.02,
     **offset: Any,
 ) -> Posterior:
-    """Return that of a motor under the voltage `u`, whose offset may be unknown, as `sigma`."""
+    """Return that of a motor under the voltage `u`, whose offset or `sigma` may be unknown."""
     friction = tuple(name for name in p if name == "t_c_hub")
     rig = bd.Train(inertias=("hub",), drives={"hub": "voltage"}, added=("c_hub", *friction))
     y = bd.respond(rig, p, T, {"u_hub": u}, ["w_hub"])["w_hub"]

@@ -57,7 +57,7 @@ def pendulum(folder: Path, start: str, channels: dict[str, str] = ARM) -> Job:
 
 
 def models_of(job: Job) -> CandidateModels:
-    """Return all candidates; those of sensors, times and priors need no motion of the rig."""
+    """Return all candidates; a bare `CandidateModels` has those that need no motion of the rig."""
     return CandidateModels.from_job(job, {})
 
 
@@ -216,10 +216,8 @@ def test_another_gear_is_other_numbers_at_the_motor() -> None:
     """The likelihood is that of a rig with that gear, friction and drag at the motor included."""
     nominal = bd.nominal() | {"t_cm": 0.02, "t_sm": 0.03, "w_sm": 5.0, "d_m": 1e-5}
     box = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-    channels, inputs = (
-        {"w_1": bd.Channel(5.0 * SWING, "rad/s", 0.3)},
-        {"v": bd.Input(6.0 * SWING, "V")},
-    )
+    channels = {"w_1": bd.Channel(5.0 * SWING, "rad/s", 0.3)}
+    inputs = {"v": bd.Input(6.0 * SWING, "V")}
     parameters = {**nominal, **dict.fromkeys(("k_e", "j_m", "k_s"), box)}
     here, there = (
         bd.case(

@@ -25,7 +25,7 @@ from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
-# One rig for all records, so that they share kernels; these values of what it has leave it linear.
+# All records are of one rig, so that they share kernels.  With these values the rig is linear.
 NEUTRAL = {"t_cm": 0.0, "t_sm": 0.0, "w_sm": 0.01, "v_d": 0.0, "c_s": 0.0, "c_1": 0.0, "eta": 1.0}
 RIG = with_named(MotorShaft(), NEUTRAL)
 SQUARE = np.where((T // 0.7) % 2 == 0, 5.0, -5.0)
@@ -39,7 +39,7 @@ def believed(
     scale: float = 1.0,
 ) -> Posterior:
     """Return that of the rig with these `values` under a voltage, with `scale` times the noise."""
-    at_rest = {"t_sm": values.get("t_cm", 0.0)}  # no more than sliding friction
+    at_rest = {"t_sm": values.get("t_cm", 0.0)}  # static friction is as large as sliding friction
     known = {**NOMINAL, "t_f": 0.0, **NEUTRAL, **at_rest, **values}
     series = {"v": v} if isinstance(v, np.ndarray) else {}
     constant = {"t_1": 0.0} | ({} if series else {"v": v})

@@ -23,7 +23,7 @@ from bayesdrill.report.view import ReportContext
 T = 0.04 * np.arange(250)
 V = np.where((T // 2.52) % 2 == 0, 1.0, -1.0) * np.where(T < 5.04, 5.0, 2.5)
 TRUTH = {"t_cm": 0.03, "t_c1": 0.2, "t_s1": 0.35, "w_s1": 0.8}
-TABLE = {**NOMINAL, **TRUTH}  # nothing is sought that would explain its deviations
+TABLE = {**NOMINAL, **TRUTH}  # a right table needs no explanation by other physics
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 SAMPLER = {"ensembles": 4, "walkers": 8, "r_hat": 1.1, "ess": 100, "n_tau": 5}
 
