@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from scipy.stats import norm
 from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, matrices
-from support.small_problems import experiment, posterior, posterior_of
+from support.small_problems import experiment, posterior, posterior_of, starts_believed
 
 import bayesdrill as bd
 from bayesdrill.analysis.prediction import (
@@ -125,6 +125,7 @@ def test_held_out_samples_are_predicted_by_the_rest() -> None:
     assert red.score < score.score
 
 
+@starts_believed()
 @run_cases("noise, memory", [(None, False), (0.0, False), (0.6, True), ("unknown", True)])
 def test_a_noise_has_memory_if_its_samples_are_correlated(noise: object, memory: bool) -> None:
     rho = {"rho": noise} if isinstance(noise, float) else {}
