@@ -20,7 +20,10 @@ def check_initial(errors: IssueCollector, config: Config, model: Model) -> dict[
             states[name] = errors.run(("initial", name, "unit"), to_si, value, unit)
     for motor in model.roles.motors:
         name = motor.current
-        if name in initial.model_fields_set and name not in (*model.states, *model.inputs):
+        given = (
+            name in initial.model_fields_set and initial.get(name) != 0
+        )  # a resolved config has 0
+        if given and name not in (*model.states, *model.inputs):
             message = f"without {motor.inductance} the current has no start of its own"
             errors.add(("initial", name), f"{message}; remove this entry")
     if initial.state == "steady":
