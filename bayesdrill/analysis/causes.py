@@ -110,7 +110,8 @@ class Causes:
     `given` summarises the residuals of the config as given.  `left_out` maps candidates that could not
     be tried to reasons.  If no candidate explains all, `windows` has the unknowns refitted to each
     window of the record.  `reference` is an input, and the channel that follows it as a set point.
-    `untried` describes combinations that would have taken too many evaluations.
+    `untried` describes combinations that would have taken too many evaluations.  Refits use
+    only the first `samples` of each record, or all if it is None.
     """
 
     given: tuple[ResidualSummary, ...]
@@ -119,6 +120,7 @@ class Causes:
     windows: tuple[tuple[FittedValue, ...], ...] = ()
     reference: tuple[str, str] | None = None
     untried: tuple[str, ...] = ()
+    samples: int | None = None
 
     @property
     def supported(self) -> tuple[Cause, ...]:

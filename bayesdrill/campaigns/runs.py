@@ -61,6 +61,7 @@ class CampaignPlan:
     notes: tuple[str, ...] = ()
 
 
+DATE_AS_NUMBER = re.compile(r"(19|20)\d\d(0[1-9]|1[0-2])(0[1-9]|[12]\d|3[01])")  # 20260301
 Listed = list[tuple[CampaignRun, Any]]  # runs, and their times as written; None or "": no time
 NumberedRow = tuple[int, Sequence[Any]]  # the number of a row of a table, and its cells
 
@@ -286,6 +287,9 @@ def _times(listed: Listed, spec: CampaignSpec, issues: list[Issue]) -> Sequence[
     if {"number", "date"} <= kinds:
         message = "some times are numbers and others dates; write all alike"
         issues.append(Issue(listed[0][0].location, message))
+    if all(DATE_AS_NUMBER.fullmatch(str(time)) for _, time in listed):
+        message = f"{listed[0][1]} would be read as a number; write a date as 2026-03-01"
+        issues.append(Issue(f"{listed[0][0].location}: time", message))
     start = min(seconds)
     return [second - start for second in seconds]
 

@@ -34,11 +34,15 @@ MAX_START_DISTANCE = 1e10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """A job is a resolved case with its posterior; `files` holds the tables that were read."""
+    """A job is a resolved case with its posterior; `files` holds the tables that were read.
+
+    Only the first `samples` of longer records are used, or all if it is None.
+    """
 
     case: ResolvedCase
     problem: Problem
     files: Files = field(default_factory=Files, compare=False, repr=False)
+    samples: int | None = None
 
     @property
     def config(self) -> Config:
@@ -62,7 +66,11 @@ class Job:
         its record if the entries of the record are unchanged.
         """
         source = Source(self.source.path, text, data, {}, ())
-        return assemble(loading.validate(source, self.case), self.files)
+        return assemble(loading.validate(source, self.case), self.files, self.samples)
+
+    def first_samples(self, samples: int) -> Job:
+        """Return the job with only the first `samples` of longer records."""
+        return assemble(self.case, self.files, samples)
 
     def with_steps_at(self, mode: Mode) -> Job:
         """Return the job with the integration steps chosen at `mode`; linear rigs need none."""
@@ -77,11 +85,12 @@ def prepare(path: Path) -> Job:
     return assemble(loading.load(path))
 
 
-def assemble(case: ResolvedCase, files: Files | None = None) -> Job:
-    """Read the records of a case, unless they are in `files`, and build the job."""
+def assemble(case: ResolvedCase, files: Files | None = None, samples: int | None = None) -> Job:
+    """Read the records of a case, unless they are in `files`, and build the job; see `Job.samples`."""
     source, files = case.source, Files() if files is None else files
     records = collect_each(lambda resolved: reading.read(resolved, files), case.experiments)
-    problem = build_problem(case, records)
+    used = [record if samples is None else record.first(samples) for record in records]
+    problem = build_problem(case, used)
     posterior = problem.posterior
     start = posterior.space.vector(posterior.space.start)
     if not np.isfinite(posterior.density(start[None])[0]):
@@ -100,7 +109,7 @@ def assemble(case: ResolvedCase, files: Files | None = None) -> Job:
         raise_if_any([source.issue(("sampler", "likelihood"), message.format(r)) for r in reasons])
     impossible = derived.impossible_formulas(problem).items()
     raise_if_any([source.issue(("derived", name), text) for name, text in impossible])
-    return Job(case=case, problem=problem, files=files)
+    return Job(case=case, problem=problem, files=files, samples=samples)
 
 
 def _steady_start_issues(case: ResolvedCase, problem: Problem, start: Array) -> list[Issue]:

@@ -138,8 +138,8 @@ def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
 def _improved(posterior: Posterior, starts: Array) -> Array:
     """Climb from `starts (S, D)` with normal noise if the noise has heavy tails; keep better starts.
 
-    Samples that are far from the response of a bad start count as outliers if tails are heavy, so the
-    density has maxima at which the response ignores a part of the record.
+    With heavy tails, samples far from the response of a bad start count as outliers.  So the density
+    has maxima at which the response ignores a part of the record.
     """
     if all(each.with_normal_noise() is each for each in posterior.likelihood.observations):
         return starts

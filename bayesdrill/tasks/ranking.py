@@ -32,6 +32,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.job import Job
+from bayesdrill.inference import compression
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.selection.candidates import CandidateModel, CandidateModels
@@ -62,10 +63,20 @@ def rank(
     """Refit all candidate models of `job` from its `maximum`; return causes, and maxima by parts.
 
     First come single parts and pairs of the best parts.  Then parts are added to the best
-    candidate while it improves.  `submit` runs `refits.refit_candidate` in any process.
+    candidate while it improves.  `submit` runs `refits.refit_candidate` in any process.  Of long
+    records, only the first samples are used.
     """
-    ranking = Ranking(job, maximum, submit, report)
+    ranking = Ranking(excerpt(job), maximum, submit, report)
     return ranking.causes(), ranking.maxima
+
+
+def excerpt(job: Job) -> Job:
+    """Return the job with only the first samples if a record is long, or else the job itself.
+
+    These samples usually show what a model lacks. Exact refits to all samples would take an hour.
+    """
+    is_long = any(map(compression.is_long, job.problem.observations))
+    return job.first_samples(compression.EXCERPT) if is_long else job
 
 
 def rank_scales(
@@ -76,14 +87,17 @@ def rank_scales(
     The result is None if wider priors gain too little, or if no such factor is recommended.
     """
     # The search for `maximum` found no higher maximum, so no other start is needed.
-    ranking = Ranking(job, maximum, submit, report, starts=[maximum])
+    ranking = Ranking(excerpt(job), maximum, submit, report, starts=[maximum])
     widened = tuple(name for name in ranking.models.changes if name.startswith(WIDENED))
     ranking.refit_all(ranking.models.rungs([widened] if widened else []), maximum)
     if not ranking.causes_by_parts or ranking.causes_by_parts[widened].gain < SURE_LOG_ODDS:
         return None
     ranking.refit_scales()
     causes = Causes(
-        given=ranking.base.residuals, ranked=ranking.ranked(), left_out=ranking.left_out
+        given=ranking.base.residuals,
+        ranked=ranking.ranked(),
+        left_out=ranking.left_out,
+        samples=ranking.job.samples,
     )
     return causes if causes.best and causes.best.off_by_a_factor else None
 
@@ -140,6 +154,7 @@ class Ranking:
             left_out=self.left_out,
             reference=reference,
             untried=(*self.skipped.values(),),
+            samples=self.job.samples,
         )
         if causes.best is not None and causes.best.explains_all:
             return causes

@@ -20,6 +20,7 @@ from benchmarks.zoo.row import Row
 from benchmarks.zoo.table import Measured
 
 SECONDS = 60.0  # that a run may take
+RANKED = 180.0  # seconds that a run may take if it ranks the causes of a bad fit
 PATIENCE = 120.0  # seconds before which no run is stopped
 
 
@@ -37,7 +38,7 @@ def arguments(given: Sequence[str] | None = None) -> argparse.Namespace:
 
 def run(row: Row, seconds: float, place: Path = folder.FOLDER) -> Outcome:
     """Both seeds of a row."""
-    seconds = max(seconds, row.seconds)
+    seconds = max(seconds, row.seconds, 0.0 if row.fits else RANKED)
     found, shares = [], list[tuple[float, ...]]()
     for number, config in enumerate(folder.write(row, place), start=1):
         output = place / "runs" / f"{row.name}-{number}"

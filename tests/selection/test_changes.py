@@ -15,8 +15,10 @@ from support.unexplained_records import write
 import bayesdrill as bd
 from bayesdrill.analysis.edits import with_gear
 from bayesdrill.config.job import Job, prepare
+from bayesdrill.inference import compression
 from bayesdrill.inference.step_error import with_steps
 from bayesdrill.selection.candidates import CandidateModels
+from bayesdrill.tasks import ranking
 
 T = 0.01 * np.arange(80)
 SWING = np.cos(9.0 * T)
@@ -153,6 +155,20 @@ def test_a_prior_is_widened_at_the_end_that_is_reached(tmp_path: Path) -> None:
     assert changed(of, "prior_t_0", prior_t_0=-1)[0] == {"inputs": {"t_0": {"low": -0.07}}}
     assert changed(of, "prior_j_hub", prior_j_hub=1)[0] == {"parameters": {"j_hub": {"high": 10.0}}}
     assert of.with_numbers(prior_r_hub=-1).rungs([("prior_r_hub",)]) == []
+
+
+@starts_believed()
+def test_candidates_are_fitted_to_the_first_samples_of_a_long_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """40 samples count as enough here."""
+    whole = motor(tmp_path)
+    assert ranking.excerpt(whole) is whole
+    monkeypatch.setattr(compression, "is_long", lambda observation: True)
+    monkeypatch.setattr(compression, "EXCERPT", 40)
+    (candidate,) = models_of(ranking.excerpt(whole)).rungs([("friction_hub",)])
+    (observation,) = candidate.job().problem.observations
+    assert observation.experiment.t == pytest.approx(T[:40])
 
 
 def test_a_train_gets_one_more_inertia_at_each(tmp_path: Path) -> None:

@@ -20,7 +20,8 @@ def check_initial(errors: IssueCollector, config: Config, model: Model) -> dict[
             states[name] = errors.run(("initial", name, "unit"), to_si, value, unit)
     for motor in model.roles.motors:
         name = motor.current
-        if name in initial.model_fields_set and name not in (*model.states, *model.inputs):
+        value = initial.get(name) if name in initial.model_fields_set else 0
+        if value != 0 and name not in (*model.states, *model.inputs):  # a resolved config has 0
             message = f"without {motor.inductance} the current has no start of its own"
             errors.add(("initial", name), f"{message}; remove this entry")
     if initial.state == "steady":

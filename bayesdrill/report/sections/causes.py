@@ -56,7 +56,7 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
     if causes is None:
         return ()
     refitted = f"fit: {count_noun(len(causes.ranked), 'candidate was', 'candidates were')} refitted"
-    notes = "\n".join(filter(None, [_reference(causes), wandering(causes)]))
+    notes = "\n".join(filter(None, [_excerpt(causes), _reference(causes), wandering(causes)]))
     if not causes.supported:
         tried = (
             f"{refitted}, and none explains the misfit. The candidates were values and units that are "
@@ -138,6 +138,12 @@ def _untried(untried: Sequence[str]) -> str:
     counted = count_noun(len(untried), "combination was", "combinations were")
     such = f"such as {'; '.join(untried[:SHOWN])}"
     return f"fit: {counted} not tried, as the refits took too long, {such}."
+
+
+def _excerpt(causes: Causes) -> str:
+    if causes.samples is None:
+        return ""
+    return f"fit: candidates were refitted to the first {causes.samples} samples of long records."
 
 
 def _reference(causes: Causes) -> str:
