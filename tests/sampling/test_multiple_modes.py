@@ -9,8 +9,10 @@ import pytest
 from scipy.optimize import brentq
 from support.case_tables import run_cases
 from support.closed_form_densities import Walled, altered, humps, ridged, without_density
+from support.linear_oracle import ExactMotion
 from support.scipy_oracles import NOMINAL, matrices
 from support.small_problems import experiment, posterior, vector, with_priors
+from support.state_records import record_of_states
 
 import bayesdrill as bd
 from bayesdrill.inference.laplace import LogDensity
@@ -243,7 +245,9 @@ def two_branches(channel: str = "w_hub", **priors: object) -> bd.Case:
         drives={"hub": "torque"},
         added=("c_a", "c_b", "c_hub"),
     )
-    y = bd.respond(rig, TRUTH | HELD, T, {"t_hub": TORQUE}, [channel])[channel]
+    values = [(TRUTH | HELD)[name] for name in rig.parameters]
+    states = ExactMotion(rig, record_of_states(rig, T, {"t_hub": TORQUE}), values).signals()
+    y = states[:, rig.states.index(channel)].astype(float)
     noisy = y + 0.05 * np.random.default_rng(1).standard_normal(len(T))
     free = dict(
         zip(("j_left", "j_right", "k_a", "k_b"), map(around, (3e-3, 3e-3, 1.4, 1.4)), strict=True)
