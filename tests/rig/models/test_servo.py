@@ -38,7 +38,9 @@ PLAIN = {"j_arm": 0.03, "k_T_arm": 2.4, "r_arm": 4.9, "k_e_arm": 2.4, "supply_ar
          "duty_arm": 0.16, "k_p_arm": 16.0, "k_d_arm": 0.05}  # fmt: skip
 LIMITED = {**PLAIN, "limit_arm": 0.4}
 RUBBING = {**LIMITED, "t_c_arm": 0.35, "t_c_arm_backward": 0.2}
-ALL = {**RUBBING, "t_s_arm": 0.45, "w_s_arm": 0.3, "band_arm": 0.02, "c_arm": 0.05}
+# All physics; the goal jumps, as it may move at any speed.
+ALL = {**RUBBING, "t_s_arm": 0.45, "w_s_arm": 0.3, "band_arm": 0.02, "c_arm": 0.05,
+       "w_goal_arm": 1e12}  # fmt: skip
 SERVOS = {
     "both": {**LIMITED, "band_arm": 0.03},
     "friction": RUBBING,

@@ -225,7 +225,7 @@ MAKE: dict[str, Callable[[], Case]] = {
     "steady start, straight voltage, unknown angle": lambda: shaft(
         sensing=replace(STEADY, states={"theta_1": "theta_1_0"}), first_order=True
     ),
-    "left out, straight inputs": lambda: shaft("left out", ("v", "t_1"), first_order=True),
+    "left out": lambda: shaft("left out"),
     "chain, straight inputs, a line": lambda: chain(
         12, ground=True, first_order=True, series=("f_d0", "f_d5"), motion="linear", drives=BOTH,
         lead=0.0137,
@@ -269,7 +269,7 @@ SLOW += ("12 states, jitter, gains", "12 states, even", "40 states", "even, cons
 QUICK = [name for name in MAKE if not name.startswith(SLOW)]
 EVERY_CASE = slow_except(QUICK, MAKE)
 LINEAR = slow_except(QUICK, (name for name in MAKE if not name.startswith("rubs")))
-SHORT = ("even, held voltage", "straight inputs, from before", "2 states", "12 states")
+SHORT = ("straight inputs, from before", "2 states", "12 states")
 FEW = slow_except(QUICK, (name for name in MAKE if name.startswith(SHORT)))
 
 

@@ -18,7 +18,7 @@ from bayesdrill.rig.simulators.stepped import Stepped
 W_1, W_2 = 2, 3
 QUICK = ("stick slip", "falling", "straight", "other")
 EVERY = slow_except(QUICK, CASES)
-EFFORTS = slow_except(("stick slip", "falling", "other"), CASES)
+EFFORTS = slow_except(("falling", "other"), CASES)
 
 
 def off(name: str, pieces: int) -> np.ndarray:
