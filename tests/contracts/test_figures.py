@@ -55,8 +55,7 @@ def run(*, missing_torque: bool) -> bd.Run:
     text = CONFIG.replace("BOX", BOX)
     if missing_torque:
         text = CONFIG.replace(" t_cm: 0.02,", "").replace("BOX", "nominal") + TORQUE
-        text = text.replace("t_1: {value: 20", "t_1: {value: 0")
-        text = text.replace("k_s: nominal", f"k_s: {BOX}")
+        text = text.replace("{value: 20", "{value: 0").replace("k_s: nominal", f"k_s: {BOX}")
     with TemporaryDirectory() as folder:
         record, config = Path(folder) / "other_units.csv", Path(folder) / "other_units.yaml"
         np.savetxt(record, table, delimiter=",", header="t,twist,motor,v", comments="")

@@ -22,6 +22,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 
 SIGMA = 0.1
 DT = 0.01
+FOUR = {name: {name: 1.0} for name in MotorShaft.states[:4]}
 
 
 def steps(n: int, seed: int = 1) -> np.ndarray:
@@ -40,16 +41,15 @@ def near(n: int, spread: float = 1e-3, seed: int = 2) -> np.ndarray:
 
 def recorded(p: np.ndarray, dt: float, v: np.ndarray, rng: np.random.Generator) -> Response:
     """A record of a rig `(P,)` under a voltage, with noise."""
-    silent = Response(MotorShaft(), experiment(len(v), dt, constant={"t_1": 0.0}, series={"v": v}))
-    y = silent.signals(p[None])[0]
+    record = experiment(len(v), dt, constant={}, series={"v": v}, measures=FOUR)
+    y = Response(MotorShaft(), record).signals(p[None])[0]
     y = y + SIGMA * rng.standard_normal(y.shape)
-    return Response(MotorShaft(), dataclasses.replace(silent.experiment, y=y))
+    return Response(MotorShaft(), dataclasses.replace(record, y=y))
 
 
-def measured(n: int = 1001, seed: int = 3, **changes: object) -> Response:
+def measured(n: int = 1001) -> Response:
     """A record of steps of voltage with noise."""
-    found = recorded(vector(skewed()), DT, steps(n), np.random.default_rng(seed))
-    return Response(MotorShaft(), dataclasses.replace(found.experiment, **changes))
+    return recorded(vector(skewed()), DT, steps(n), np.random.default_rng(3))
 
 
 def made(response, points: np.ndarray) -> CompressedSimulator:
@@ -290,7 +290,7 @@ def test_rigs_far_away_have_the_exact_simulator(one: CompressedSimulator) -> Non
     assert not beyond[0]
     assert np.array_equal(one.squares(points)[1:], one.uncompressed.squares(points)[1:])
     along = np.repeat(np.eye(len(ORDER))[None], 6, axis=0)
-    scales = np.ones((6, 5))
+    scales = np.ones((6, len(FOUR)))
     for mine, exact in zip(
         one.normal(points, along, scales[..., None] ** 2),
         one.uncompressed.normal(points, along, scales[..., None] ** 2),
@@ -328,18 +328,18 @@ def test_what_cannot_be_compressed_says_why() -> None:
     even = measured(301)
     rubbing = simulator(MotorShaft(added=("t_cm",)), even.experiment, ObservationModel())
     with pytest.raises(CompressionError, match="dry friction"):
-        compress(rubbing, np.ones((2, 10)), np.ones(5), np.ones((5, 1)))
+        compress(rubbing, np.ones((2, 10)), np.ones(4), np.ones((4, 1)))
     late = simulator(MotorShaft(), even.experiment, ObservationModel(lags={"w_1": "lag"}))
     points = np.concatenate([near(2), np.zeros((2, 1))], axis=1)
     with pytest.raises(CompressionError, match="its channels or inputs are delayed"):
-        compress(late, points, np.ones(5), np.ones((5, 1)))
+        compress(late, points, np.ones(4), np.ones((4, 1)))
     t = even.experiment.t.copy()
     t[1:-1] += 1e-3 * np.random.default_rng(16).random(len(t) - 2)
     uneven = simulator(MotorShaft(), dataclasses.replace(even.experiment, t=t), ObservationModel())
     with pytest.raises(CompressionError, match="evenly"):
-        compress(uneven, near(2), np.ones(5), np.ones((5, 1)))
+        compress(uneven, near(2), np.ones(4), np.ones((4, 1)))
     with pytest.raises(CompressionError, match=r"too uncertain|too large"):
-        compress(even, near(64, 0.5), np.full(5, SIGMA**2), np.full((5, 1), SIGMA**-2))
+        compress(even, near(64, 0.5), np.full(4, SIGMA**2), np.full((4, 1), SIGMA**-2))
 
 
 def test_a_mode_that_does_not_decay_has_no_functions() -> None:

@@ -15,7 +15,7 @@ import bayesdrill as bd
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models import linear
-from bayesdrill.rig.models.linear import dynamics, with_named
+from bayesdrill.rig.models.linear import constant_forcing, dynamics, with_named
 from bayesdrill.rig.models.motor_shaft import OFFERS, DrivenShaft, Motor, MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel, observed_model
@@ -157,9 +157,8 @@ def test_a_rotor_beyond_rotor_1_is_that_of_a_train() -> None:
     ours, theirs = with_named(MotorShaft(), p).linear(p), train.linear(behind | far)
     expected = dynamics(theirs, (*alike.values(),), 1)[0]
     assert dynamics(ours, (*alike,), 1)[0] == pytest.approx(expected, rel=1e-12)
-    for mine, other in alike.items():
-        assert ours.B.get((mine, "v"), 0.0) == pytest.approx(theirs.B.get((other, "u_m"), 0.0))
-        assert ours.c.get(mine, 0.0) == pytest.approx(theirs.c.get(other, 0.0))
+    forcing = constant_forcing(theirs, (*alike.values(),), 1, {"u_m": 8.0})
+    assert constant_forcing(ours, (*alike,), 1, {"v": 8.0}) == pytest.approx(forcing, rel=1e-12)
 
 
 def test_a_drag_is_referred_through_the_gear() -> None:

@@ -203,7 +203,6 @@ def rubs(sensing: ObservationModel, *tallied: str) -> Case:
 
 BOTH = {"d0": "torque", "d5": "torque"}
 MAKE: dict[str, Callable[[], Case]] = {
-    "even, constant inputs": lambda: shaft(series=(), lead=0.137),
     "even, held voltage": lambda: shaft(tallied=EVERY_SUM),
     "straight inputs, from before the record": lambda: shaft(
         series=("v", "t_1"), first_order=True, lead=0.137
@@ -263,13 +262,14 @@ def made(name: str) -> Case:
     return MAKE[name]()
 
 
-# The others enter every branch with few kernels.
+# The others enter every branch with few kernels.  A single sample has no step: for rigs of few states,
+# which would need a kernel for it, that is slow too.
 SLOW = ("chain, straight inputs", "rubs, gaps", "2 states, jitter", "2 states, two", "10 states")
-SLOW += ("12 states, jitter, gains", "12 states, even", "40 states", "even, constant")
+SLOW += ("12 states, jitter, gains", "12 states, even", "40 states")
 QUICK = [name for name in MAKE if not name.startswith(SLOW)]
 EVERY_CASE = slow_except(QUICK, MAKE)
 LINEAR = slow_except(QUICK, (name for name in MAKE if not name.startswith("rubs")))
-SHORT = ("straight inputs, from before", "2 states", "12 states")
+SHORT = ("even, held voltage", "straight inputs, from before", "2 states", "12 states")
 FEW = slow_except(QUICK, (name for name in MAKE if name.startswith(SHORT)))
 
 
@@ -292,7 +292,7 @@ def test_records_of_few_samples_have_the_signals_of_the_oracle(name: str) -> Non
     """Mutant killed: a last step that is taken though it leads nowhere."""
     case = made(name)
     record = case.record
-    for n in (1, 2, 3, 8, 65):
+    for n in (1, 2, 3, 8, 65) if name.startswith(("12 states", "2 states, two")) else (2, 3, 8, 65):
         series = {key: u[:n] for key, u in record.series.items()}
         cut = replace(record, t=record.t[:n], y=record.y[:n], series=series)
         true = ExactMotion(case.model, cut, case.full[0], case.sensing).signals()
