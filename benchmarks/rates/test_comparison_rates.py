@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.case_tables import run_cases
+from support.small_problems import starts_believed
 
 from bayesdrill.config.job import Job
 from bayesdrill.inference.laplace import LogDensity
@@ -61,8 +62,10 @@ def mean_square_residual(job: Job, y: NDArray[np.float64]) -> float:
 
 def test_the_proposal_covers_a_correlation_near_zero() -> None:
     """In its own coordinate a correlation has no long tail at zero: every draw counts."""
-    y, _ = bench().record(KINDS[2], 3)
-    job = compare.of(bench().jobs[RED], y)
+    with starts_believed():
+        unfitted = Bench(compare.contenders())
+    y, _ = unfitted.record(KINDS[2], 3)
+    job = compare.of(unfitted.jobs[RED], y)
     _, sampled = fit(job.problem.posterior, compare.plan(job, 3))
     assert sampled.proposal is not None
     assert sampled.proposal.missed == 0.0

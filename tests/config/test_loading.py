@@ -6,6 +6,7 @@ from support.case_tables import run_cases
 from support.command_line import ROOT
 from support.config_texts import write
 from support.described_rigs import LINEAR, ROTARY, save_records
+from support.small_problems import starts_believed
 
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.results import provenance
@@ -53,6 +54,7 @@ def test_a_resolved_config_means_the_same(text: str, tmp_path: Path) -> None:
         ("t_f: {prior: uniform, low: 0.5", "t_f: {prior: uniform, low: 0.4", "the prior of t_f"),
     ],
 )
+@starts_believed()
 def test_the_fingerprint_names_what_decides_a_chain(
     old: str, new: str, name: str, tmp_path: Path
 ) -> None:

@@ -16,6 +16,7 @@ from matplotlib.text import Text
 from support.case_tables import run_cases
 from support.command_line import CONFIGS
 from support.figure_checks import clashes, drawn
+from support.friction_oracle import Rig, simulate
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
@@ -41,20 +42,20 @@ def run(*, missing_torque: bool) -> bd.Run:
     """Sample with time in ms, a twist in degrees, a speed in rpm, a voltage in mV that goes both ways.
 
     The rig rubs and has one symmetry left, so that every figure has something to show.
-    `missing_torque`: without either, by a load of which the config knows the mean, and that torque.
+    `missing_torque`: without either, by a load of which the config says only that it is missing.
     """
     v = np.where(np.arange(len(T)) // 40 % 2 == 0, 6.0, -6.0)
-    truth = {**NOMINAL, "t_f": 1e-3} | ({} if missing_torque else {"t_cm": 0.02})
-    inputs = {"v": v, "t_1": 0.02 * (1 + missing_torque * np.sin(3.7 * T))}
-    exact = bd.respond("motor_shaft", truth, T, inputs, ["theta_1", "theta_2", "w_2"])
+    truth = Rig(p={**NOMINAL, "t_f": 1e-3, "t_cm": 0.0 if missing_torque else 0.02})
+    load = 0.02 * np.sin(3.7 * T) if missing_torque else 0.02
+    theta_1, theta_2, _, w_2, _ = simulate(truth, T, v, t_1=load).states.T
     rng = np.random.default_rng(6)
-    twist = np.rad2deg(exact["theta_1"] - exact["theta_2"]) + 2.0 * rng.standard_normal(len(T))
-    motor = 8 * exact["w_2"] * 30 / np.pi + 5.0 * rng.standard_normal(len(T))
+    twist = np.rad2deg(theta_1 - theta_2) + 2.0 * rng.standard_normal(len(T))
+    motor = 8 * w_2 * 30 / np.pi + 5.0 * rng.standard_normal(len(T))
     table = np.stack([1e3 * T, twist, motor, 1e3 * v], axis=-1)
     text = CONFIG.replace("BOX", BOX)
     if missing_torque:
         text = CONFIG.replace(" t_cm: 0.02,", "").replace("BOX", "nominal") + TORQUE
-        text = text.replace("k_s: nominal", f"k_s: {BOX}")
+        text = text.replace("{value: 20", "{value: 0").replace("k_s: nominal", f"k_s: {BOX}")
     with TemporaryDirectory() as folder:
         record, config = Path(folder) / "other_units.csv", Path(folder) / "other_units.yaml"
         np.savetxt(record, table, delimiter=",", header="t,twist,motor,v", comments="")

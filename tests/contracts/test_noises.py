@@ -4,14 +4,13 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import scipy.special
 import scipy.stats
 from numpy.typing import NDArray
 from support.case_tables import run_cases
+from support.residual_sums import moved, residuals
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment, likelihood_of, near_middle, unknown
 
@@ -84,35 +83,6 @@ def values(noise: Noise, w: int = 1) -> Array:
 
 def draw(noise: Noise, at: Array, n: int) -> Array:
     return noise.draw(np.zeros((len(at), n, len(SIGMA))), at, np.random.default_rng(3))
-
-
-def residuals(samples: Array) -> SimpleNamespace:
-    """Return all that a likelihood may ask of samples `(W, n, K)`, by plain sums."""
-    squares = (samples**2).sum(axis=1)
-    steps = (np.diff(samples, axis=1) ** 2).sum(axis=1)
-    ends = samples[:, 0] ** 2 + samples[:, -1] ** 2
-    return SimpleNamespace(
-        samples=samples,
-        squares=squares,
-        weighted_squares=lambda w: squares * w**2,
-        neighbours=np.stack([squares, steps, ends], axis=-1),
-        logs=lambda w: np.log1p(w[:, None] * samples**2).sum(axis=1),
-        intervals=lambda over, half: masses(samples * over[:, None], half[:, None]).sum(axis=1),
-    )
-
-
-def masses(middle: Array, half: Array) -> Array:
-    """Return logs of the mass of a standard normal number within half a width of a middle."""
-    near, far = half - np.abs(middle), -half - np.abs(middle)  # in the lower tail
-    log_near = scipy.special.log_ndtr(near)
-    return np.asarray(log_near + np.log(-np.expm1(scipy.special.log_ndtr(far) - log_near)))
-
-
-def moved(noise: Noise, at: Array, column: int, step: float) -> Array:
-    """Return values with a step in the log of what is positive, or else in the unknown itself."""
-    out, plain = at.copy(), noise.unknowns[column].between is not None
-    out[:, column] = at[:, column] + step if plain else at[:, column] * np.exp(step)
-    return out
 
 
 def test_results_know_a_noise_by_its_text() -> None:

@@ -46,6 +46,7 @@ TOYS = ROOT / "tests" / "toys"
 
 T = 0.05 * np.arange(60)
 V = np.where((T // 0.8) % 2 == 0, 8.0, -5.0)
+ANGLE = np.cumsum(V) * 0.05 * 1.1
 TRUTH = {"t_cm": 0.03, "t_sm": 0.06, "w_sm": 3.0, "t_c1": 0.1, "v_d": 0.4, "c_s": 4e-3, "c_1": 0.01}
 HALF = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 TORQUE = {
@@ -60,18 +61,19 @@ def case(
     rig: Model,
     names: dict[str, str],
     free: dict[str, float],
-    seen: tuple[np.ndarray, ...] = (np.cumsum(V) * 0.05 * 1.1, 1.1 * V, 6.6 * V),
+    seen: tuple[np.ndarray, ...] = (ANGLE, ANGLE, 1.1 * V, 6.6 * V),
     **entries: Any,
 ) -> bd.Case:
     """Return a case of a rig that calls the usual symbols by other `names`.
 
-    `free` has the starts of the unknowns, and `seen` an angle, its speed and that of the motor.
+    `free` has the starts of the unknowns, and `seen` two angles, a speed and that of the motor.
     """
     rng = np.random.default_rng(5)
     channels = {
         "alpha": (names["theta_1"], seen[0], "rad", 0.05),
-        "omega": (names["w_1"], seen[1], "rad/s", 0.1),
-        "geared": (f"6 * {names['w_2']}", seen[2], "rad/s", 0.5),
+        "beta": (names["theta_2"], seen[1], "rad", 0.05),
+        "omega": (names["w_1"], seen[2], "rad/s", 0.1),
+        "geared": (f"6 * {names['w_2']}", seen[3], "rad/s", 0.5),
     }
     table = {names[name]: x for name, x in {**NOMINAL, "k_T": 0.1, **free}.items()}
     return bd.case(
@@ -134,8 +136,8 @@ def analyses_of_friction(of: bd.Case) -> Iterator[Any]:
 def analyses_of_causes(rig: Model, names: dict[str, str]) -> Iterator[Any]:
     """What would explain the fit of a rig without friction to the record of one that has it."""
     truth = {**NOMINAL, "k_T": 0.1, "t_f": 0.0, "t_c1": 0.2}
-    motion = bd.respond("motor_shaft", truth, T, {"v": V}, ["theta_1", "w_1", "w_2"])
-    seen = motion["theta_1"], motion["w_1"], 6.0 * motion["w_2"]
+    motion = bd.respond("motor_shaft", truth, T, {"v": V}, ["theta_1", "theta_2", "w_1", "w_2"])
+    seen = (*(motion[name] for name in ("theta_1", "theta_2", "w_1")), 6.0 * motion["w_2"])
     of = case(rig, names, {name: NOMINAL[name] for name in ("k_e", "j_1")}, seen)
     posterior = of.job.problem.posterior
     start = posterior.space.start
@@ -163,7 +165,7 @@ def analyses_of_torque(of: bd.Case) -> Iterator[Any]:
 def analyses(rig: Model, names: dict[str, str]) -> dict[str, list[Any]]:
     wild = {name: NOMINAL[name] for name in ("k_e", "k_T", "j_1", "k_s")}
     rubbing = {**TRUTH, "k_e": 0.06, "k_T": 0.06, "t_f": 0.02}
-    degrees = np.rad2deg(np.cumsum(V) * 0.05 * 1.1), 1.1 * V, 6.6 * V  # said to be radians
+    degrees = np.rad2deg(ANGLE), np.rad2deg(ANGLE), 1.1 * V, 6.6 * V  # said to be radians
     return {
         "record": [*analyses_of_record(case(rig, names, wild, degrees))],
         "friction": [*analyses_of_friction(case(rig, names, rubbing))],

@@ -20,6 +20,7 @@ from support.first_configs import (
     reversing_rig,
     write_table,
 )
+from support.small_problems import starts_believed
 
 import bayesdrill as bd
 from bayesdrill.config import loading
@@ -35,6 +36,7 @@ def split_rows(columns: Columns, *edges: int) -> list[Columns]:
     return [{**part, "Zeit_ms": part["Zeit_ms"] - part["Zeit_ms"][0]} for part in parts]
 
 
+@starts_believed()
 def test_files_of_one_kind_are_experiments_of_one_config(tmp_path: Path) -> None:
     """What they have in common stands once; the second begins in motion, the first at rest."""
     fast, slow = split_rows(german_record(), 0, 900, 1600)

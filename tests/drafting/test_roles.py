@@ -9,6 +9,7 @@ import scipy.linalg
 import scipy.signal
 from support.case_tables import run_cases
 from support.first_configs import RPM, draft_of, german_record, reversing_rig, write_table
+from support.small_problems import starts_believed
 
 import bayesdrill as bd
 
@@ -117,6 +118,7 @@ def test_a_record_begins_steadily_or_elsewhere_than_at_zero(tmp_path: Path) -> N
     assert (offset["mean"], offset["sd"]) == (0, pytest.approx(6.0, rel=0.05))
 
 
+@starts_believed()
 def test_a_rig_that_coasts_says_how_large_its_current_may_be(tmp_path: Path) -> None:
     """Nothing follows of a voltage of zero; of what turns a current does."""
     columns = {name: german_record()[name][200:900] for name in ("Zeit_ms", "n_Motor")}

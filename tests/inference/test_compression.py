@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 from support.scipy_oracles import NOMINAL
+from support.small_problems import starts_believed
 
 import bayesdrill as bd
 from bayesdrill import output_files
@@ -144,6 +145,7 @@ def test_the_search_begins_with_an_excerpt_and_ends_with_all_samples() -> None:
             assert problem.posterior.density(beside[None])[0] < here + 1e-6
 
 
+@starts_believed()
 def test_a_record_that_cannot_be_compressed_is_refused_or_exact() -> None:
     """It is refused where compression is asked for; by default it has all samples, however long."""
     lag = {"lag": {"prior": "uniform", "low": 0, "high": 0.1}}

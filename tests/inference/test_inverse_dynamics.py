@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from support.case_tables import slow_except
 from support.scipy_oracles import NOMINAL
+from support.small_problems import starts_believed
 
 import bayesdrill as bd
 from bayesdrill.inference.inverse_dynamics import regression_start
@@ -53,6 +54,7 @@ def test_the_start_is_near_the_truth(name: str) -> None:
     assert dict(search.start) == start
 
 
+@starts_believed()
 def test_a_state_that_no_channel_shows_leaves_the_configured_start() -> None:
     """The current of the motor is in no column."""
     noise = np.random.default_rng(3).standard_normal(N)

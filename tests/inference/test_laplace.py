@@ -1,7 +1,6 @@
 """Slopes, curvatures and information of a posterior against differences of its density."""
 
 from collections.abc import Callable
-from functools import cache
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ from support import two_experiments
 from support.case_tables import run_cases
 from support.compiled_responses import SIGMA, seen
 from support.missing_physics import ar1
-from support.missing_torque_cases import posterior_with_torque
+from support.missing_torque_cases import step_with_torque
 from support.scipy_oracles import NOMINAL, ORDER
 from support.small_problems import likelihood_of, near_middle, unknown
 
@@ -44,25 +43,16 @@ def tied() -> Posterior:
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
-@cache
-def with_missing_torque() -> Posterior:
-    sigmas = {"theta_1": 0.1, "theta_2": 0.1, "w_1": 0.2, "w_2": 0.2}
-    t = 0.03 * np.arange(151)
-    rng = np.random.default_rng(8)
-    return posterior_with_torque(t, 8.0, sigmas, rng, unknown_sigmas=("w_2",))[0]
-
-
 LINEAR: dict[str, Callable[[], Posterior]] = {
     "logs": lambda: seen("step", SIGMA),
     "linear, noise unknown": lambda: seen("step", None, priors=FAMILIES),
     "tied": tied,
-    "zero-order hold": lambda: seen("zero-order hold", SIGMA[:2], priors=FAMILIES),
-    "first-order hold": lambda: seen("first-order hold", None),
+    "straight inputs": lambda: seen("straight inputs", None),
     "noise alone": lambda: seen("step", None, free=()),
 }
 ALL = LINEAR | {
     "two experiments": lambda: two_experiments.rich_job().problem.posterior,
-    "missing torque": with_missing_torque,
+    "missing torque": lambda: step_with_torque()[0],
 }
 
 
@@ -200,7 +190,7 @@ def test_the_information_of_a_point_is_that_of_slopes_and_priors() -> None:
 
 def test_the_curvature_with_a_missing_torque_is_on_average_the_fisher_information() -> None:
     """The mean of squared slopes of 60 records that are drawn at one point, to four sigma."""
-    target, rng = with_missing_torque(), np.random.default_rng(9)
+    target, rng = step_with_torque()[0], np.random.default_rng(9)
     observation = target.likelihood.only_observation
     theta = target.space.vector(target.space.start)[None]
     clean = observation.signals(target.space.full(theta))

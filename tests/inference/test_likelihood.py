@@ -1,13 +1,12 @@
 """Likelihoods of several experiments, of sensors and starts, and of rigs that lack a torque."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 from support import two_experiments
 from support.case_tables import run_cases
-from support.missing_torque_cases import SIZE, TIME, posterior_with_torque
+from support.missing_torque_cases import SIZE, TIME, step_with_torque
 from support.missing_torque_oracle import covariance, process
 from support.scipy_oracles import NOMINAL
 from support.small_problems import near_middle
@@ -67,31 +66,24 @@ def test_missing_samples_count_as_if_they_were_never_measured(level: str, experi
 # --- a missing torque -------------------------------------------------------------------------------
 
 
-@cache
-def with_torque() -> tuple[Posterior, np.ndarray]:
-    """Return a posterior of nine parameters, one sigma of two, size and time; and the truth."""
-    sigmas, t = {"theta_1": 0.1, "w_1": 0.2}, 0.03 * np.arange(151)
-    rng = np.random.default_rng(8)
-    return posterior_with_torque(t, 8.0, sigmas, rng, unknown_sigmas=("w_1",))[:2]
-
-
 def near_truth(n: int) -> np.ndarray:
-    theta = with_torque()[1]
+    theta = step_with_torque()[1]
     return theta * np.exp(0.05 * np.random.default_rng(3).standard_normal((n, len(theta))))
 
 
 def test_a_torque_of_no_size_is_no_torque() -> None:
-    target, theta = with_torque()[0], near_truth(3)
+    target, theta = step_with_torque()[0], near_truth(3)
     theta[:, -2] = 1e-9
     observation = target.likelihood.only_observation
-    white = White(n_samples=151, known={0: 0.1}, n_channels=2, unknowns=observation.unknowns[:1])
+    known, unknowns = {0: 0.1, 1: 0.1, 2: 0.2}, observation.unknowns[:1]
+    white = White(n_samples=151, known=known, n_channels=4, unknowns=unknowns)
     residuals = observation.residuals(target.space.full(theta))
     expected = white.log_likelihood(residuals, theta[:, 9:10]).sum(axis=1)
     assert target.likelihood(theta) == pytest.approx(expected, abs=1e-5)
 
 
 def test_a_fixed_covariance_is_that_of_one_rig_whatever_rig_the_residuals_are_of() -> None:
-    target, theta = with_torque()[0], near_truth(2)
+    target, theta = step_with_torque()[0], near_truth(2)
     observation = target.likelihood.only_observation
     fixed = observation.with_fixed_covariance(theta[0])
     samples = observation.residuals(target.space.full(theta)).samples[[1, 1]]
@@ -105,18 +97,17 @@ def test_a_fixed_covariance_is_that_of_one_rig_whatever_rig_the_residuals_are_of
 
 
 def test_predictions_one_step_ahead_are_those_of_the_covariance_of_all_samples() -> None:
-    target, theta = with_torque()
+    target, theta = step_with_torque()
     observation = target.likelihood.only_observation
     experiment = observation.experiment
     summaries = residual_summaries(target.likelihood, theta)
     residuals = experiment.y - observation.signals(target.space.full(theta[None]))[0]
     states = process(NOMINAL, "rotor_1", "3/2", SIZE, TIME)
-    weights = np.zeros((2, len(states[0])))
-    weights[0, 0] = weights[1, 2] = 1.0
-    joint = covariance(states, weights, np.array([0.1, 0.2]), experiment.t, experiment.t_start)
+    sigmas, weights = np.array([0.1, 0.1, 0.2, 0.2]), np.eye(4, len(states[0]))
+    joint = covariance(states, weights, sigmas, experiment.t, experiment.t_start)
     lower = np.linalg.cholesky(joint)
     white = np.linalg.solve(lower, residuals.ravel())
-    ahead = (white * np.diag(lower)).reshape(-1, 2)[:, 0]  # the second channel knows the first
+    ahead = (white * np.diag(lower)).reshape(-1, 4)[:, 0]  # others know the first channel
     expected = np.sqrt(np.mean(ahead**2)) / experiment.y[:, 0].std()
     assert summaries[0].ahead == pytest.approx(expected, rel=1e-6)
     for channel in summaries:

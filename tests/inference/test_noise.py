@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ import scipy.stats
 from numpy.typing import NDArray
 from scipy.integrate import quad
 from support.case_tables import run_cases
+from support.residual_sums import moved, residuals
 
 from bayesdrill.inference.noise.ar1 import AR1
 from bayesdrill.inference.noise.contract import Noise, NoisyChannel
@@ -44,29 +44,6 @@ def measured(**missing: list[int]) -> NDArray[np.bool_]:
     return seen
 
 
-def residuals_of(samples: Array) -> SimpleNamespace:
-    """Return what a noise asks for, as kernels compute it; NaN stands where nothing was measured."""
-    measured_samples = np.nan_to_num(samples)
-    neighbours = np.empty((len(samples), samples.shape[2], 3))
-    for w, k in np.ndindex(neighbours.shape[:2]):
-        own = samples[w, ~np.isnan(samples[w, :, k]), k]
-        neighbours[w, k] = own @ own, np.diff(own) @ np.diff(own), own[0] ** 2 + own[-1] ** 2
-    return SimpleNamespace(
-        samples=samples,
-        squares=(measured_samples**2).sum(axis=1),
-        neighbours=neighbours,
-        logs=lambda w: np.log1p(w[:, None] * measured_samples**2).sum(axis=1),
-        intervals=lambda over, half: log_masses(samples * over[:, None], half[:, None]),
-    )
-
-
-def log_masses(middle: Array, half: Array) -> Array:
-    """Return sums of logs of normal probabilities; NaN where a walker overflows."""
-    mass = scipy.stats.norm.cdf(np.abs(middle) + half) - scipy.stats.norm.cdf(np.abs(middle) - half)
-    seen = ~np.isnan(middle).all(axis=0)
-    return np.asarray(np.where(seen, np.log(mass), 0.0).sum(axis=1))
-
-
 # --- AR(1) -------------------------------------------------------------------------------------------
 
 RECORDS = {
@@ -87,7 +64,7 @@ def test_an_ar1_noise_has_a_covariance_that_falls_off_with_time(rho: float, reco
     own = np.column_stack([sigmas, np.full(3, rho), np.full(3, 0.4)])
     samples = noise.draw(np.zeros((3, 10, 2)), own, rng)
     samples[:, ~seen] = np.nan
-    log_p = noise.log_likelihood(residuals_of(samples), own)
+    log_p = noise.log_likelihood(residuals(samples), own)
     for w, k in np.ndindex(3, 2):
         here = seen[:, k]
         lags = np.abs(t[here][:, None] - t[here]) / (step if k == 0 else 0.01)
@@ -109,12 +86,11 @@ def test_an_ar1_noise_has_a_covariance_that_falls_off_with_time(rho: float, reco
 
 def differences(noise: Noise, samples: Array, own: Array, column: int) -> Array:
     """Return central differences of the log likelihood, by the log of an unknown that has one."""
-    plain, ends = noise.unknowns[column].between is not None, []
-    for step in (1e-5, -1e-5):
-        moved = own.copy()
-        moved[:, column] = own[:, column] + step if plain else own[:, column] * math.exp(step)
-        ends.append(noise.log_likelihood(residuals_of(samples), moved).sum(axis=1))
-    return np.asarray((ends[0] - ends[1]) / 2e-5)
+    up, down = (
+        noise.log_likelihood(residuals(samples), moved(noise, own, column, step)).sum(axis=1)
+        for step in (1e-5, -1e-5)
+    )
+    return np.asarray((up - down) / 2e-5)
 
 
 def test_slopes_of_an_ar1_noise_with_gaps_scatter_by_its_information() -> None:
@@ -123,7 +99,7 @@ def test_slopes_of_an_ar1_noise_with_gaps_scatter_by_its_information() -> None:
     own = np.tile([0.3, 0.02, 0.6, 0.8], (40_000, 1))
     samples = noise.draw(np.zeros((len(own), 10, 2)), own, np.random.default_rng(3))
     samples[:, ~seen] = np.nan
-    slope, curvature = noise.noise_score(residuals_of(samples), own)
+    slope, curvature = noise.noise_score(residuals(samples), own)
     for column in range(4):
         numeric = differences(noise, samples[:50], own[:50], column)
         assert slope[:50, column] == pytest.approx(numeric, rel=1e-5, abs=1e-5)
@@ -148,7 +124,7 @@ def test_heavy_tails_are_those_of_student(nu: float) -> None:
         true = scipy.stats.t(nu, scale=own[0, k])
         terms = noise.pointwise(samples, own)[0, :, k]
         assert terms == pytest.approx(true.logpdf(samples[0, :, k]), rel=1e-10)
-        total = noise.log_likelihood(residuals_of(samples), own)[0, k]
+        total = noise.log_likelihood(residuals(samples), own)[0, k]
         assert total == pytest.approx(terms.sum(), rel=1e-12)
         normal = scipy.stats.norm.isf(true.sf(samples[0, 7, k]))
         assert noise.whiten(samples, own)[0, 7, k] == pytest.approx(normal, rel=1e-9)
@@ -203,13 +179,13 @@ def test_samples_are_asked_for_only_where_a_step_is_small_beside_sigma() -> None
     """Each walker by itself: the others take the sums of kernels."""
     noise, own = rounded(0.3, 8), np.array([[1.0], [0.02], [0.26], [0.24]])
     samples = np.random.default_rng(0).normal(0, 0.05, (4, 8, 1))
-    residuals = residuals_of(samples)
+    seen = residuals(samples)
     exact = noise.pointwise(samples, own).sum(axis=1)[:, 0]
-    assert noise.log_likelihood(residuals, own)[:, 0] == pytest.approx(exact)
-    residuals.intervals = lambda over, half: np.full(over.shape, 7.0)
+    assert noise.log_likelihood(seen, own)[:, 0] == pytest.approx(exact)
+    seen.intervals = lambda over, half: np.full(over.shape, 7.0)
     of_kernel = 7.0 - 8 * math.log(STEP)
     expected = [exact[0], of_kernel, exact[2], of_kernel]
-    assert noise.log_likelihood(residuals, own)[:, 0] == pytest.approx(expected)
+    assert noise.log_likelihood(seen, own)[:, 0] == pytest.approx(expected)
 
 
 # --- mixtures ----------------------------------------------------------------------------------------
@@ -228,9 +204,9 @@ def test_each_channel_of_a_mixture_has_the_likelihood_of_its_own_noise(missing: 
     seen[4] = not missing
     samples[:, ~seen] = np.nan
     mixture = noise_for_record(Mixed(parts), UNEVEN, seen)
-    log_p = mixture.log_likelihood(residuals_of(samples), own)
+    log_p = mixture.log_likelihood(residuals(samples), own)
     for part, unknowns in zip(parts, (own[:, :2], own[:, 2:4], own[:, 4:]), strict=True):
         columns = list(part.columns)
         alone = noise_for_record(part.noise, UNEVEN, seen[:, columns])
-        true = alone.log_likelihood(residuals_of(samples[..., columns]), unknowns)
+        true = alone.log_likelihood(residuals(samples[..., columns]), unknowns)
         assert log_p[:, columns] == pytest.approx(true)

@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.stats
-from support import two_experiments
+from support import stepped_friction, two_experiments
 from support.case_tables import run_cases
 from support.friction_cases import CASES
-from support.missing_physics import MEASURES, believed
 from support.scipy_oracles import NOMINAL, ORDER
-from support.small_problems import noisy_step, posterior, vector
-from support.stepped_friction import experiment_of, model_of, parameters
+from support.small_problems import noisy_step, posterior, posterior_of, vector
 
 from bayesdrill.inference import step_error
 from bayesdrill.inference.posterior import Posterior
@@ -112,9 +110,10 @@ def test_a_maximum_at_the_end_of_a_prior_that_may_be_negative_is_noticed() -> No
 def stepped() -> Posterior:
     """Return one of a rig that is stepped, whose experiment has a twin that is held out."""
     case = CASES["falling"]
-    model = model_of(case)
-    known = dict(zip(model.parameters, parameters(case)[0], strict=True))
-    plain = believed(experiment_of(case, MEASURES), model, **known)
+    rig = stepped_friction.stepped(case)
+    values = dict(zip(rig.model.parameters, stepped_friction.parameters(case)[0], strict=True))
+    priors = {name: Uniform(0.3 * values[name], 3 * values[name]) for name in ("k_e", "k_s", "j_1")}
+    plain = posterior_of(rig, [0.1] * 5, priors, values)
     target = step_error.with_steps(plain, {"": (2, 3)})
     twin = replace(target.likelihood.only_observation, label="twin")
     return replace(target, likelihood=replace(target.likelihood, held_out=(twin,)))

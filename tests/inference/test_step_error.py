@@ -8,6 +8,7 @@ import pytest
 from support.case_tables import run_cases
 from support.command_line import small_config
 from support.friction_cases import CASES, moved
+from support.friction_oracle import Rig, simulate
 from support.scipy_oracles import NOMINAL
 from support.small_problems import posterior_of
 from support.stepped_friction import experiment_of, model_of, parameters
@@ -82,7 +83,7 @@ def case(*, known: bool = False) -> bd.Case:
     """
     v = np.where(np.arange(len(T)) // 40 % 2 == 0, 6.0, -6.0)
     inputs = {"v": bd.Input(v, "V", hold="zero")}
-    exact = bd.respond("motor_shaft", {**NOMINAL, **STRIBECK}, T, {"v": v}, "w_2")["w_2"]
+    exact = simulate(Rig(p={**NOMINAL, **STRIBECK}), T, v).states[:, 3]
     noise = 0.02 * np.random.default_rng(6).standard_normal(len(T))
     return bd.case(
         T,

@@ -9,8 +9,10 @@ import pytest
 from scipy.optimize import brentq
 from support.case_tables import run_cases
 from support.closed_form_densities import Walled, altered, humps, ridged, without_density
+from support.linear_oracle import ExactMotion
 from support.scipy_oracles import NOMINAL, matrices
 from support.small_problems import experiment, posterior, vector, with_priors
+from support.state_records import record_of_states
 
 import bayesdrill as bd
 from bayesdrill.inference.laplace import LogDensity
@@ -235,22 +237,25 @@ def around(value: float) -> dict[str, object]:
     return {"prior": "log_uniform", "low": value / 10, "high": value * 10}
 
 
-def two_branches(channel: str = "w_hub", **priors: object) -> bd.Case:
-    """Two discs on shafts at a hub that a torque turns."""
+def two_branches(sign: int = 1, **priors: object) -> bd.Case:
+    """Two discs on shafts at a hub that a torque turns; measured: sum or difference of their speeds."""
     rig = bd.Train(
         inertias=("hub", "left", "right"),
         shafts={"a": ["hub", "left"], "b": ["hub", "right"]},
         drives={"hub": "torque"},
         added=("c_a", "c_b", "c_hub"),
     )
-    y = bd.respond(rig, TRUTH | HELD, T, {"t_hub": TORQUE}, [channel])[channel]
+    values = [(TRUTH | HELD)[name] for name in rig.parameters]
+    states = ExactMotion(rig, record_of_states(rig, T, {"t_hub": TORQUE}), values).signals()
+    left, right = (states[:, rig.states.index(name)] for name in ("w_left", "w_right"))
+    y, both = (left + sign * right).astype(float), f"w_left {'+' if sign > 0 else '-'} w_right"
     noisy = y + 0.05 * np.random.default_rng(1).standard_normal(len(T))
     free = dict(
         zip(("j_left", "j_right", "k_a", "k_b"), map(around, (3e-3, 3e-3, 1.4, 1.4)), strict=True)
     )
     return bd.case(
         T,
-        {channel: bd.Channel(noisy, "rad/s", 0.05)},
+        {"speeds": bd.Channel(noisy, "rad/s", 0.05, measures=both)},
         {"t_hub": bd.Input(TORQUE, "N*m")},
         TRUTH | HELD | free | priors,
         rig=rig,
@@ -276,15 +281,15 @@ def test_branches_that_nothing_distinguishes_are_exchanged() -> None:
 
 
 @run_cases(
-    "channel, priors",
+    "sign, priors",
     [
-        ("w_left", {}),
-        ("w_hub", {"k_a": {"prior": "log_normal", "median": 1.0, "sd_log": 0.5}}),
-        ("w_hub", {"j_left": 0.005}),
+        (-1, {}),
+        (1, {"k_a": {"prior": "log_normal", "median": 1.0, "sd_log": 0.5}}),
+        (1, {"j_left": 0.005}),
     ],
     ["a channel", "a prior", "a number"],
 )
 def test_branches_that_a_channel_or_a_prior_distinguishes_have_no_twin(
-    channel: str, priors: dict[str, object]
+    sign: int, priors: dict[str, object]
 ) -> None:
-    assert twins_of_the_truth(two_branches(channel, **priors)) == []
+    assert twins_of_the_truth(two_branches(sign, **priors)) == []

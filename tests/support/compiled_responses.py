@@ -12,30 +12,29 @@ from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.linear import Response
 
 SIGMA = np.array([0.1, 0.07, 0.2, 0.15])  # of the four channels of a step
-MEASURED = {"step": {}, "zero-order hold": {"v"}, "first-order hold": {"t_1"}}  # inputs
+SEEN = {"twist": {"theta_1": 1.0, "theta_2": -1.0}, "speed": {"w_2": 8.0}, "current": {"i": 1.0}}
 
 
 @cache
 def response(name: str) -> Response:
-    """Of a step, or with one input measured and the first sample later than the start."""
+    """Of a step, or with inputs that are measured, and the first sample later than the start."""
     if name == "step":
         return Response(MotorShaft(), noisy_step(SIGMA, n=60))
     rng, n = np.random.default_rng(8), 60
-    series = {"v": 6.0 + rng.standard_normal(n), "t_1": 0.05 * rng.standard_normal(n)}
     record = experiment(
         n,
         0.013,
-        constant={"v": 6.0, "t_1": 0.02},
-        series={u: series[u] for u in MEASURED[name]},
-        first_order=name == "first-order hold",
-        measures={"twist": {"theta_1": 1.0, "theta_2": -1.0}, "speed": {"w_2": 8.0}},
+        constant={},
+        series={"v": 6.0 + rng.standard_normal(n), "t_1": 0.05 * rng.standard_normal(n)},
+        first_order=True,
+        measures=SEEN,
         first=0.137,
         t_start=0.05,
         start={"theta_1": 0.4, "w_2": 1.0},
     )
     made = Response(MotorShaft(), record)
     clean = made.signals(vector(NOMINAL)[None])[0]
-    return made.with_record(clean + SIGMA[:2] * rng.standard_normal(clean.shape))
+    return made.with_record(clean + SIGMA[:3] * rng.standard_normal(clean.shape))
 
 
 def seen(name: str, sigma: np.ndarray | None, **own: Any) -> Posterior:

@@ -1,6 +1,7 @@
 """Posteriors of records of the nominal rig that a drawn torque has moved."""
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,3 +60,11 @@ def posterior_with_torque(
     record = posterior.likelihood.signals(theta[None])[0] + signals[0]
     torque = SIZE * states[0, :, kalman_filter.augmented.states.index("torque")]
     return posterior.edit(records=[record]), theta, torque
+
+
+@cache
+def step_with_torque() -> tuple[Posterior, Array]:
+    """Return that of a step in four channels, the sigma of the last unknown; and the truth."""
+    sigmas = {"theta_1": 0.1, "theta_2": 0.1, "w_1": 0.2, "w_2": 0.2}
+    t, rng = 0.03 * np.arange(151), np.random.default_rng(8)
+    return posterior_with_torque(t, 8.0, sigmas, rng, unknown_sigmas=("w_2",))[:2]

@@ -140,7 +140,8 @@ def test_a_record_is_simulated_with_the_true_correlation(tmp_path: Path) -> None
     longer = ("duration: 5", "duration: 100")
     config = command_line.small_config(tmp_path, noisy("ar1", SIGMA), ("rate: 20", truth), longer)
     command_line.simulate_again(config)
-    problem = prepare(config).problem
+    with starts_believed():
+        problem = prepare(config).problem
     space, observation = problem.posterior.space, problem.posterior.likelihood.only_observation
     theta = space.vector({**problem.nominal, "sigma_w_1": 0.2, "rho_w_1": 0.9})[None]
     left = observation.residuals(space.full(theta)).samples[0, :, 1]
@@ -177,9 +178,12 @@ def test_a_missing_torque_beside_friction_is_said_to_be_an_approximation(tmp_pat
 def test_a_record_is_simulated_with_a_missing_torque(tmp_path: Path) -> None:
     """With a large torque residuals spread far beyond the noise."""
     simulated = "simulation: {duration: 5, rate: 20, truth: {s_d: 0.5, tau_d: 0.3}}\n"
-    path = command_line.small_config(tmp_path, (END, simulated + TORQUE))
+    four = f"theta_2: {{column: theta_2, unit: rad, sigma: 0.05}}\n    {SMALL_W_1}"
+    four += f"\n    {SMALL_W_1.replace('w_1', 'w_2')}"
+    path = command_line.small_config(tmp_path, (END, simulated + TORQUE), (SMALL_W_1, four))
     command_line.simulate_again(path)
-    posterior = prepare(path).problem.posterior
+    with starts_believed():
+        posterior = prepare(path).problem.posterior
     theta = posterior.space.vector({**posterior.space.start, "s_d": 0.5, "tau_d": 0.3})[None]
     observation = posterior.likelihood.only_observation
     assert observation.residuals(posterior.space.full(theta)).samples.std() > 0.5

@@ -22,11 +22,14 @@ def rig() -> bd.Train:
 
 
 def pendulum(quantities: dict[str, Any], **parameters: Any) -> bd.Case:
-    angle = bd.respond(rig(), TRUTH, T, {"t_arm": TORQUE}, ["theta_arm"])["theta_arm"]
-    noise = np.random.default_rng(3).normal(0, 0.001, angle.shape)
+    units, rng = {"theta_arm": "rad", "w_arm": "rad/s"}, np.random.default_rng(3)
+    exact = bd.respond(rig(), TRUTH, T, {"t_arm": TORQUE}, [*units])
     return bd.case(
         T,
-        {"theta_arm": bd.Channel(angle + noise, "rad", sigma=0.001)},
+        {
+            name: bd.Channel(exact[name] + rng.normal(0, 0.001, T.shape), unit, sigma=0.001)
+            for name, unit in units.items()
+        },
         {"t_arm": bd.Input(TORQUE, "N*m")},
         {**TRUTH, **parameters},
         rig=rig(),

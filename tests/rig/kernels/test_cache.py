@@ -279,7 +279,8 @@ def test_equal_formulas_are_one_kernel_wherever_they_come_from() -> None:
 
 def test_offsets_of_channels_need_no_kernel_of_their_own() -> None:
     """Nor do perfect sensors.  Mutant killed: one for each set of channels that has one."""
-    record, offsets = experiment(20), {"w_1": 0.7, "w_2": -1.5}
+    record = experiment(20, constant={}, series={"v": np.full(20, 8.0)})
+    offsets = {"w_1": 0.7, "w_2": -1.5}
     for kind, model in ((Stepped, MotorShaft(added=("t_c1",))), (Response, MotorShaft())):
         own = np.append(THETA, np.full(len(model.parameters) - THETA.size, 0.05))
         plain = kind(model, record, ObservationModel()).signals(own[None])[0]

@@ -15,7 +15,7 @@ import bayesdrill as bd
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models import linear
-from bayesdrill.rig.models.linear import dynamics, with_named
+from bayesdrill.rig.models.linear import constant_forcing, dynamics, with_named
 from bayesdrill.rig.models.motor_shaft import OFFERS, DrivenShaft, Motor, MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel, observed_model
@@ -131,17 +131,15 @@ def test_frictions_pass_through_the_sensors_of_inputs() -> None:
 
 
 def test_a_rotor_beyond_rotor_1_is_that_of_a_train() -> None:
-    t = 0.01 * np.arange(200)
-    v = 6.0 * np.sign(np.sin(3.0 * t))
-    beyond = {"j_0": 0.005, "k_0": 0.3, "c_0": 1e-3}
-    moved = bd.respond("motor_shaft", NOMINAL | beyond, t, {"v": v}, ["w_1", "w_2", "w_0"])
+    """With the same equations."""
+    p = NOMINAL | {"j_0": 0.005, "k_0": 0.3, "c_0": 1e-3}
     train = bd.Train(
         inertias=("m", "r", "e"),
         shafts={"s": ["m", "r"], "x": ["r", "e"]},
         drives={"m": "voltage"},
         added=("c_m", "t_f_m", "k_e_m", "l_m", "c_x"),
     )
-    i_m, p = 1 / 8, NOMINAL
+    i_m = 1 / 8
     behind = {  # all of it as it is behind the gear
         "j_m": p["j_m"] / i_m**2,
         "c_m": p["c_m"] / i_m**2,
@@ -152,9 +150,15 @@ def test_a_rotor_beyond_rotor_1_is_that_of_a_train() -> None:
         "l_m": p["l_m"],
     }
     far = {"j_r": p["j_1"], "k_s": p["k_s"], "j_e": 0.005, "k_x": 0.3, "c_x": 1e-3}
-    same = bd.respond(train, behind | far, t, {"u_m": v}, ["w_r", "w_m", "w_e"])
-    for ours, theirs in zip(("w_1", "w_2", "w_0"), same, strict=True):
-        np.testing.assert_allclose(moved[ours], same[theirs], atol=1e-7)
+    alike = {
+        "theta_1": "theta_r", "theta_2": "theta_m", "theta_0": "theta_e",
+        "w_1": "w_r", "w_2": "w_m", "w_0": "w_e", "i": "i_m",
+    }  # fmt: skip
+    ours, theirs = with_named(MotorShaft(), p).linear(p), train.linear(behind | far)
+    expected = dynamics(theirs, (*alike.values(),), 1)[0]
+    assert dynamics(ours, (*alike,), 1)[0] == pytest.approx(expected, rel=1e-12)
+    forcing = constant_forcing(theirs, (*alike.values(),), 1, {"u_m": 8.0})
+    assert constant_forcing(ours, (*alike,), 1, {"v": 8.0}) == pytest.approx(forcing, rel=1e-12)
 
 
 def test_a_drag_is_referred_through_the_gear() -> None:

@@ -12,6 +12,7 @@ import scipy.linalg
 from support.case_tables import run_cases, slow_except
 from support.document_blocks import ROOT
 from support.servo_oracle import Servo
+from support.small_problems import starts_believed
 from support.state_records import record_of_states
 
 import bayesdrill as bd
@@ -37,13 +38,20 @@ PLAIN = {"j_arm": 0.03, "k_T_arm": 2.4, "r_arm": 4.9, "k_e_arm": 2.4, "supply_ar
          "duty_arm": 0.16, "k_p_arm": 16.0, "k_d_arm": 0.05}  # fmt: skip
 LIMITED = {**PLAIN, "limit_arm": 0.4}
 RUBBING = {**LIMITED, "t_c_arm": 0.35, "t_c_arm_backward": 0.2}
+# All physics; the goal jumps, as it may move at any speed.
+ALL = {**RUBBING, "t_s_arm": 0.45, "w_s_arm": 0.3, "band_arm": 0.02, "c_arm": 0.05,
+       "w_goal_arm": 1e12}  # fmt: skip
 SERVOS = {
     "both": {**LIMITED, "band_arm": 0.03},
     "friction": RUBBING,
-    "supply": {name: value for name, value in RUBBING.items() if name != "supply_arm"},
-    "all": {**RUBBING, "t_s_arm": 0.45, "w_s_arm": 0.3, "band_arm": 0.02, "c_arm": 0.05},
+    "supply": {name: value for name, value in ALL.items() if name != "supply_arm"},
+    "all": ALL,
 }
-SLOPES = {**SERVOS["all"], "w_goal_arm": 3.0}
+FOLLOWING = {**ALL, "w_goal_arm": 3.0}
+# Of no effect: no goal demands a hundred times the supply.
+NEUTRAL = dict.fromkeys(ALL.keys() - PLAIN.keys(), 0.0) | {
+    "supply_arm": 1200.0, "duty_arm": 0.0016, "limit_arm": 1.0, "w_s_arm": 1.0,
+}  # fmt: skip
 SHOWN = ["theta_arm", "w_arm"]
 GOALS, TIME = (0.6, -0.3, 0.1, 1.2, 0.0, -0.9, -0.85, 0.4), 0.4
 SUPPLIES = (12.0, 10.5, 13.0, 9.0, 11.8, 12.4, 10.0, 11.0)  # volts, between jumps of the goal
@@ -86,20 +94,28 @@ def oracle(values: dict[str, float]) -> Servo:
     )  # fmt: skip
 
 
-def test_a_servo_without_a_limit_is_a_linear_closed_loop() -> None:
-    """`J w' = (k/r) (supply duty (k_p (goal - theta) - k_d w) - k_e w)`, in exact steps."""
-    assert Train(inertias=("a", "b"), drives={"a": "servo", "b": "servo"}).smooth
-    made, full = response(ARM, PLAIN, 20)
-    assert isinstance(made, Response)
+def closed_loop() -> Array:
+    """`J w' = (k/r) (supply duty (k_p (goal - theta) - k_d w) - k_e w)`: rates of angle, speed, goal and
+    the slope of the goal.
+    """
     v = PLAIN
     push = v["k_T_arm"] / v["r_arm"] / v["j_arm"]
     stiff = push * v["supply_arm"] * v["duty_arm"]
     brake = push * v["k_e_arm"] + stiff * v["k_d_arm"]
-    rates = np.array([[0, 1, 0], [-stiff * v["k_p_arm"], -brake, stiff * v["k_p_arm"]], [0, 0, 0]])
-    step = scipy.linalg.expm(rates * TIME / 20)
+    rates = np.diag([1.0, 0.0, 1.0], 1)
+    rates[1, :3] = -stiff * v["k_p_arm"], -brake, stiff * v["k_p_arm"]
+    return rates
+
+
+def test_a_servo_without_a_limit_is_a_linear_closed_loop() -> None:
+    """In exact steps."""
+    assert Train(inertias=("a", "b"), drives={"a": "servo", "b": "servo"}).smooth
+    made, full = response(ARM, PLAIN, 20)
+    assert isinstance(made, Response)
+    step = scipy.linalg.expm(closed_loop() * TIME / 20)
     x, expected = np.zeros(2), [np.zeros(2)]
     for goal in np.repeat(GOALS, 20):
-        x = (step @ [*x, goal])[:2]
+        x = (step @ [*x, goal, 0.0])[:2]
         expected.append(x)
     assert made.signals(full)[0] == pytest.approx(np.array(expected), abs=1e-11)
 
@@ -132,7 +148,7 @@ def test_a_servo_follows_a_goal_at_its_largest_speed(speed: float, apart: float)
     middle = np.array(followed) + np.append(np.diff(followed) / 2, 0.0)
     ramp = middle if most < 1.0 else np.append(np.repeat(goal[:-1], fine), goal[-1])
     many = np.linspace(0.0, t[-1], len(ramp))
-    rig, limited = with_named(ARM, [*PLAIN]), {**PLAIN, "w_goal_arm": speed}
+    rig, limited = with_named(ARM, [*PLAIN]), {**PLAIN, **NEUTRAL, "w_goal_arm": speed}
     expected = bd.respond(rig, PLAIN, many, {"goal_arm": ramp}, SHOWN)["theta_arm"]
     rig = with_named(ARM, [*limited])
     reference = rig.saturation.reference(limited, t, goal)
@@ -143,18 +159,17 @@ def test_a_servo_follows_a_goal_at_its_largest_speed(speed: float, apart: float)
 
 def test_the_reference_of_a_straight_goal_is_straight_within_steps() -> None:
     """A ramp that is slower than the largest speed is followed without any delay."""
-    values = {**PLAIN, "w_goal_arm": 3.0}
-    made = [response(ARM, each, 20, slope=2.0) for each in (PLAIN, values)]
-    linear, limited = (simulated.signals(full)[0] for simulated, full in made)
-    assert limited == pytest.approx(linear, abs=1e-10)
+    made, full = response(ARM, {**PLAIN, "w_goal_arm": 3.0}, 20, slope=2.0)
+    exact = [scipy.linalg.expm(closed_loop() * t)[:2, 3] * 2.0 for t in made.experiment.t]
+    assert made.signals(full)[0] == pytest.approx(np.array(exact), abs=1e-10)
 
 
 def test_slopes_of_a_servo_are_differences_of_its_signals() -> None:
-    made, full = response(ARM, SLOPES, 50)
-    names = with_named(ARM, [*SLOPES]).parameters
+    made, full = response(ARM, FOLLOWING, 50)
+    names = with_named(ARM, [*FOLLOWING]).parameters
     for name in ("duty_arm", "supply_arm", "limit_arm", "j_arm", "k_e_arm", "w_goal_arm"):
         step = np.zeros_like(full)
-        step[0, names.index(name)] = 1e-6 * SLOPES[name]
+        step[0, names.index(name)] = 1e-6 * FOLLOWING[name]
         _, slopes = made.course(full, step[:, None])
         later, before = (made.signals(full + way * step)[0] for way in (0.5, -0.5))
         assert slopes[0, 0] == pytest.approx(later - before, abs=1e-4 * np.ptp(later - before))
@@ -162,16 +177,14 @@ def test_slopes_of_a_servo_are_differences_of_its_signals() -> None:
 
 def test_a_channel_between_steps_is_the_servo_at_its_own_time() -> None:
     """It is read from the course between steps, with the rates of the loop as it is there."""
-    values = {**SERVOS["both"], "g_arm": 1.2}
-    made, full = response(PENDULUM, values, 200)
-    record = made.experiment
     late = ObservationModel(lags={"theta_arm": "lag_theta_arm"})
-    delay = 0.3 * record.dt
-    shifted = simulator(made.model, record, late)
-    shown = shifted.signals(np.append(full, [[delay]], axis=1))[0][:, 0]
-    fine, _ = response(PENDULUM, values, 2000)
-    expected = fine.signals(full)[0][:, 0]
-    assert shown[1:] == pytest.approx(expected[7::10], abs=2e-5)
+
+    def angle(samples: int, lag: float) -> Array:
+        made, full = response(PENDULUM, {**SERVOS["both"], "g_arm": 1.2}, samples)
+        told = np.append(full, [[lag * made.experiment.dt]], axis=1)
+        return simulator(made.model, made.experiment, late).signals(told)[0][:, 0]
+
+    assert angle(200, 0.3)[1:] == pytest.approx(angle(2000, 0.0)[7::10], abs=2e-5)
 
 
 def test_gains_and_offsets_of_inputs_act_on_the_supply_and_on_the_speed_of_the_goal() -> None:
@@ -180,11 +193,14 @@ def test_gains_and_offsets_of_inputs_act_on_the_supply_and_on_the_speed_of_the_g
         input_gains={"supply_arm": "a", "goal_arm": "b"}, input_offsets={"supply_arm": "c"}
     )
     supply, goal = (made.experiment.series[name] for name in ("supply_arm", "goal_arm"))
-    series = {"supply_arm": (supply - 0.5) / 0.8, "goal_arm": goal / -0.5}
-    shown = simulator(made.model, replace(made.experiment, series=series), sensing)
-    own = [{"a": 0.8, "b": -0.5, "c": 0.5}[name] for name in sensing.names]
-    found = shown.signals(np.array([[*full[0], *own]]))
-    assert found == pytest.approx(made.signals(full), abs=1e-12)
+
+    def shown(a: float, b: float, c: float) -> Array:
+        series = {"supply_arm": (supply - c) / a, "goal_arm": goal / b}
+        rig = simulator(made.model, replace(made.experiment, series=series), sensing)
+        own = [{"a": a, "b": b, "c": c}[name] for name in sensing.names]
+        return rig.signals(np.array([[*full[0], *own]]))
+
+    assert shown(0.8, -0.5, 0.5) == pytest.approx(shown(1.0, 1.0, 0.0), abs=1e-12)
 
 
 def test_a_measured_supply_of_a_servo_without_a_usual_one_is_refused_with_its_entry(
@@ -203,7 +219,7 @@ def test_a_supply_that_stays_at_its_usual_value_is_no_input() -> None:
     rows = [
         bd.respond(with_named(train, [*own]), own, t, goal | more, SHOWN)
         for train, own, more in (
-            (ARM, RUBBING, {}),
+            (ARM, ALL, {}),
             (MEASURED, SERVOS["supply"], {"supply_arm": np.full(300, 12.0)}),
             (MEASURED, SERVOS["supply"], {"supply_arm": 12.0}),
         )
@@ -212,6 +228,7 @@ def test_a_supply_that_stays_at_its_usual_value_is_no_input() -> None:
         assert row["theta_arm"] == pytest.approx(rows[0]["theta_arm"], abs=1e-12)
 
 
+@starts_believed()
 def following(t: Array, goal: Array, values: dict[str, float]) -> Problem:
     """Return that of an arm of unknown inertia, whose angle is recorded without noise."""
     rig = with_named(ARM, [*values])

@@ -94,7 +94,7 @@ def test_a_gear_that_is_driven_back_has_an_efficiency_of_its_own(held: bool) -> 
         return x[1], (push - share * p["g_arm"] * np.sin(x[0])) / inertia
 
     expected = solve_ivp(slope, (0, t[-1]), (2.0, 0.0), t_eval=t, rtol=1e-10, atol=1e-10).y[0]
-    drive = {"t_motor": -0.05 if held else 0.0}
+    drive = {"t_motor": np.full(len(t), -0.05 if held else 0.0)}
     found = bd.respond(train, p, t, drive, ["theta_arm"], initial={"theta_arm": 2.0})["theta_arm"]
     assert expected[-1] > 0.2
     assert found == pytest.approx(expected, abs=1e-4)

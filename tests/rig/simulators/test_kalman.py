@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from support import missing_torque_oracle
 from support.case_tables import run_cases
+from support.linear_oracle import ExactMotion
 from support.scipy_oracles import skewed
 from support.small_problems import UnevenShaft, experiment, vector
 
@@ -28,13 +29,19 @@ Array = NDArray[np.float64]
 BOTH = [("motor", "1/2"), ("rotor_1", "3/2")]  # each place and each smoothness
 MEASURES = {name: {name: 1.0} for name in MotorShaft.states[:4]}
 GEARED = {"speed": {"w_2": 8.0, "w_1": -0.5}, "angle": {"theta_2": 0.25}}
-RELATIVE = {"w_1": {"w_1": 1.0}, "twist": {"theta_1": 1.0, "theta_2": -1.0}}
+RELATIVE = {"twist": {"theta_1": 1.0, "theta_2": -1.0}, "motor": {"w_2": 8.0}}
 MEASURED = [MEASURES, RELATIVE, GEARED]
 START = {"theta_1": 0.7, "theta_2": -1.2, "w_1": 2.0, "w_2": -9.0, "i": 0.4}
 LATE = {"first": 0.31, "t_start": 0.0, "start": START}
 SIGMAS = np.array([0.05, 0.02, 0.3, 0.2])
 SIZE, TIME = 0.08, 0.4
 P = skewed()
+
+
+def recorded(n: int, dt: float, measures: dict[str, dict[str, float]], **own: Any) -> Experiment:
+    """A record of nothing under a voltage that is measured."""
+    volts = {"v": 8.0 + np.sin(np.arange(n))}
+    return experiment(n, dt, measures=measures, constant={"t_1": 0.0}, series=volts, **own)
 
 
 def weights(one: Experiment, own: int) -> Array:
@@ -62,8 +69,9 @@ def made(
 
 def shown(one: Experiment, left: Array, rig: MotorShaft | None = None) -> Response:
     """A record of the rig that is off by what is `left`."""
-    clean = Response(rig or MotorShaft(), one).signals(vector(P)[None])[0]
-    return Response(rig or MotorShaft(), dataclasses.replace(one, y=clean + left))
+    rig = rig or MotorShaft()
+    clean = ExactMotion(rig, one, vector(P)).signals().astype(float)
+    return Response(rig, dataclasses.replace(one, y=clean + left))
 
 
 def density(found: KalmanFilter, left: Array) -> float:
@@ -99,7 +107,7 @@ def test_the_likelihood_is_that_of_all_samples_together(
     """With one gain and an exact start; of any number of samples, which are put together in twos; of
     a start before the first sample, where all states are something.
     """
-    one = experiment(n, 0.02, measures=measures, **late)
+    one = recorded(n, 0.02, measures, **late)
     left = drawn(one)
     found, of, rows = made(at, smooth, one)
     truth = true_density(of, rows, one, left)
@@ -134,7 +142,7 @@ def test_states_of_the_rig_are_those_that_channels_show(
     measures: dict[str, dict[str, float]],
 ) -> None:
     """Angles are relative ones inside; outside they are those of the rig, as far as any is told of."""
-    one = experiment(20, 0.02, measures=measures)
+    one = recorded(20, 0.02, measures)
     found = KalmanFilter(MotorShaft(), MissingTorque(at="rotor_1", smoothness="3/2"), one)
     states, drawn_signals = found.draw(
         told(3)[0], 1e-9 * np.ones((3, len(measures))), np.random.default_rng(8)
@@ -170,7 +178,7 @@ def test_one_gain_gives_the_likelihood_of_all_gains(
     measures: dict[str, dict[str, float]], size: float, time: float
 ) -> None:
     """However little a torque does and however long it stays; also where no angle is seen by itself."""
-    one = experiment(1001, 0.01, measures=measures)
+    one = recorded(1001, 0.01, measures)
     found = KalmanFilter(MotorShaft(), MissingTorque(at="rotor_1", smoothness="3/2"), one)
     row = np.append(vector(P), [size, time])[None]
     assert_one_gain_is_enough(found, row, np.full((1, len(measures)), 0.1), 1e-7)
