@@ -11,7 +11,7 @@ import pytest
 
 CACHE = Path(__file__).parent / ".pytest_cache"
 # Each structure of a rig takes some 0.2 s to compile, so tests share rigs, and no more are wanted.
-MOST_KERNELS = 430
+MOST_KERNELS = 300
 BEGUN, KERNELS = pytest.StashKey[float](), pytest.StashKey[int]()
 
 # Kernels of all workers and their children are compiled once, and apart from those of the user.
