@@ -66,11 +66,17 @@ class CandidateModel:
         return merged({k: x for k, x in given if k not in NOT_OF_MODEL}, self.entries)
 
     def owner(self, unknown: str) -> str:
-        """Return the name of the change that introduces an unknown, or `START` if none does."""
+        """Return the name of the change that introduces an unknown, or `START` if none does.
+
+        A further inertia also introduces the start of its own states, if the config has a free start.
+        """
         for change in self.changes:
             if unknown.startswith(change.name) or ("parameters", unknown) in change.decides:
                 return change.name
-        return START
+        if START in self.names or unknown in self.base.problem.names:
+            return START
+        adds_states = (c.name for c in self.changes if ("model", "inertias") in c.decides)
+        return next(adds_states, START)
 
     def job(self, *, shared: bool = False) -> Job:
         """Return the changed job, with neutral parameters if `shared`; raise `InputError` if invalid."""

@@ -177,6 +177,9 @@ def test_a_train_gets_one_more_inertia_at_each(tmp_path: Path) -> None:
     assert lines["model"]["inertias"] == ["arm", "arm_end"]
     assert lines["initial"] == {"theta_arm_end": 0.5}
     assert {"j_arm_end", "k_arm_end_spring", "c_arm_end_spring"} <= {*longer.problem.names}
+    (candidate,) = models_of(pendulum(tmp_path, "free")).rungs([("inertia_arm",)])
+    assert candidate.owner("theta_arm_end_0") == candidate.owner("j_arm_end") == "inertia_arm"
+    assert candidate.owner("theta_arm_0") == "free_start"
     assert models_of(pendulum(tmp_path, "{}")).rungs([("gravity_arm",)]) == []  # has it already
 
 
