@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.array_cases import BOX, NOMINAL, two
+from support.case_tables import slow_except
 from support.command_line import assert_refused, cli, small_config
 
 import bayesdrill as bd
@@ -14,11 +15,17 @@ from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
+USUAL = dict.fromkeys(NOMINAL, "nominal") | {"k_s": BOX, "t_f": BOX}
+RIVALS = {
+    "motor": {"parameters": USUAL | {"k_e": 1.0125 * NOMINAL["k_e"]}},
+    "gear": {"rig": bd.MotorShaft(i_m=1 / 7.9)},  # another structure, which is compiled for it
+}
 
-def test_a_designed_experiment_tells_two_motors_apart_as_it_promises() -> None:
+
+@pytest.mark.parametrize("name", slow_except(("motor",), RIVALS))
+def test_a_designed_experiment_tells_a_rival_apart_as_it_promises(name: str) -> None:
     """Fits of both models to noisy records have the promised log odds, within their scatter."""
-    usual = dict.fromkeys(NOMINAL, "nominal") | {"k_s": BOX, "t_f": BOX}
-    ours, rival = two(), two(parameters=usual | {"k_e": 1.0125 * NOMINAL["k_e"]})
+    ours, rival = two(), two(**RIVALS[name])
     numbers = {"high": 12.0, "hold": 0.25, "duration": 1.0, "draws": 1}
     designed = ours.design(tell=rival, **numbers)
     odds = designed.design.log_odds
