@@ -220,7 +220,7 @@ def arm(rng: np.random.Generator, weight: float, *, geared: bool) -> Bench:
     sigma = {"theta_arm": 0.01}
     said = config(
         "arm",
-        {"theta_arm": {"unit": "rad", "sigma": 0.01}},
+        {"theta_arm": {"unit": "rad", "sigma": sigma["theta_arm"]}},
         inputs={name: {"column": name, "unit": unit}},
         model={"name": "train", **model},
         parameters={**known, **{name: log_uniform(x) for name, x in truth.items()}},

@@ -25,14 +25,14 @@ from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan, describe_plan
 from bayesdrill.config.job import Job
 from bayesdrill.output_files import CAMPAIGN, DRAWS
 from bayesdrill.record.formats.table import missing_package
-from bayesdrill.results.provenance import interruptions
+from bayesdrill.results.provenance import RESUME, interruptions
 from bayesdrill.results.run_folder import VERSION_OF, Folder, WriteMode, dump_record, load_record
 from bayesdrill.tasks.remote import RefitExecutor
 
 REFERENCE, RECORD = "reference.json", "campaign.json"
 FORM = 2  # version of both files
 OUTLIERS = "outliers"  # stands for all outliers in `--page`
-RESUME, WATCH_AGAIN = "continue with --resume", "`bayesdrill watch` continues it"
+WATCH_AGAIN = "`bayesdrill watch` continues it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

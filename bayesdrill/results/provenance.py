@@ -35,6 +35,7 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF, Folder, mark
 from bayesdrill.rig.models.linear import Model, constants
 
+RESUME = "continue with --resume"  # how a command goes on after an interruption
 RUN_MARK = "Run"  # key of the run's mark (a digest) in the metadata of a file
 # Entries of `map:` that no longer exist. Every fingerprint lists these entries as not given, so
 # that runs of earlier versions can be continued.
@@ -243,7 +244,7 @@ def interruptions(
     folder: Folder,
     progress: Callable[[], str],
     errors: tuple[type[Exception], ...] = (),
-    way_out: str = "continue with --resume",
+    way_out: str = RESUME,
 ) -> Iterator[None]:
     """Record an interruption in `run.json`; after a signal, raise `Interrupted` with `progress`."""
     stops: tuple[type[Exception], ...] = (BrokenProcessPool, *errors)

@@ -73,7 +73,7 @@ def rank(
 def excerpt(job: Job) -> Job:
     """Return the job with only the first samples if a record is long, or else the job itself.
 
-    These samples usually show what a model lacks. Exact refits to all samples would take an hour.
+    These samples usually show what a model lacks. A refit to a million samples takes a minute.
     """
     is_long = any(map(compression.is_long, job.problem.observations))
     return job.first_samples(compression.EXCERPT) if is_long else job

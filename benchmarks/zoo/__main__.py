@@ -16,11 +16,10 @@ from benchmarks import tables
 from benchmarks.zoo import folder, plot, report, rows, runs, table
 from benchmarks.zoo.judge import Outcome, judged
 from benchmarks.zoo.makers import ROOT
-from benchmarks.zoo.row import Row
+from benchmarks.zoo.row import RANKED, Row
 from benchmarks.zoo.table import Measured
 
 SECONDS = 60.0  # that a run may take
-RANKED = 180.0  # seconds that a run may take if it ranks the causes of a bad fit
 PATIENCE = 120.0  # seconds before which no run is stopped
 
 

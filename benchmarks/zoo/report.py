@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from benchmarks import tables
 from benchmarks.zoo.judge import Agreement, Outcome
-from benchmarks.zoo.row import Row
+from benchmarks.zoo.row import RANKED, Row
 from benchmarks.zoo.table import Measured
 
 HEAD = (
@@ -34,8 +34,8 @@ def markdown(every: Sequence[Measured], absent: Sequence[Row], seconds: float) -
     told = (
         f"{len(every) - len(failed)} of {len(every)} rows did what they should"
         + (f"; {', '.join(failed)} did not." if failed else ".")
-        + f" A run may take {seconds:.0f} s, but 180 s if it ranks the causes of a bad fit, and 360 s "
-        "with ten million samples."
+        + f" A run may take {seconds:.0f} s, but {RANKED:.0f} s if it ranks the causes of a bad fit, "
+        "and 360 s with ten million samples."
     )
     if absent:
         names = ", ".join(row.name for row in absent)

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 Entry = dict[str, Any]  # a part of a config, as YAML has it
 
 MORE_THAN_NOISE = "larger than the noise"
+RANKED = 180.0  # seconds that a run may take if it ranks the causes of a bad fit
 
 
 class Maker(Protocol):

@@ -214,10 +214,7 @@ def test_a_torque_that_is_late_is_named(late: int, tmp_path: Path) -> None:
 def test_friction_shows_once_a_rig_moves_from_its_start(
     parts: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A motor that coasts: taken to begin at rest it never moves, and nothing can rub.
-
-    Between two speeds it is slowed down by damping, j w' = -c w - T, until it stops.
-    """
+    """A motor that coasts, j w' = -c w - T: taken to begin at rest it never moves, and nothing rubs."""
     try_only(parts, monkeypatch)
     t, j_m, c_m, friction, first = 0.01 * np.arange(150), 4e-4, 5e-4, 0.01, 30.0
     w_2 = (first + friction / c_m) * np.exp(-c_m / j_m * t) - friction / c_m

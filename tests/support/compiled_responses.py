@@ -17,7 +17,7 @@ SEEN = {"twist": {"theta_1": 1.0, "theta_2": -1.0}, "speed": {"w_2": 8.0}, "curr
 
 @cache
 def response(name: str) -> Response:
-    """Of a step, or with inputs that are measured, and the first sample later than the start."""
+    """Return the response to a step, or to measured inputs with a first sample after the start."""
     if name == "step":
         return Response(MotorShaft(), noisy_step(SIGMA, n=60))
     rng, n = np.random.default_rng(8), 60

@@ -19,9 +19,8 @@ def check_initial(errors: IssueCollector, config: Config, model: Model) -> dict[
         if isinstance(value, float | int | numbers.Quantity) and not silent:
             states[name] = errors.run(("initial", name, "unit"), to_si, value, unit)
     for motor in model.roles.motors:
-        name = motor.current
-        value = initial.get(name) if name in initial.model_fields_set else 0
-        if value != 0 and name not in (*model.states, *model.inputs):  # a resolved config has 0
+        name, known = motor.current, (*model.states, *model.inputs)
+        if name not in known and initial.get(name) not in (None, 0):  # a resolved config has 0
             message = f"without {motor.inductance} the current has no start of its own"
             errors.add(("initial", name), f"{message}; remove this entry")
     if initial.state == "steady":

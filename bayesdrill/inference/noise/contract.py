@@ -130,7 +130,8 @@ class Noise(Protocol):
     """A noise is a density of K channels; `theta (W, n)` has the values of its `unknowns`.
 
     Samples of a `white` noise are independent with the sd `scales`, so sums of squares suffice.
-    `score` and `whitened_jacobian` are not used if there are `square_weights`.
+    `score` and `whitened_jacobian` are not used if there are `square_weights`.  A noise with heavy
+    tails also has `normal`: normal noise with the same scales, whose unknowns are some of its own.
     """
 
     @property

@@ -131,7 +131,7 @@ def test_frictions_pass_through_the_sensors_of_inputs() -> None:
 
 
 def test_a_rotor_beyond_rotor_1_is_that_of_a_train() -> None:
-    """With the same equations."""
+    """Both rigs have the same equations."""
     p = NOMINAL | {"j_0": 0.005, "k_0": 0.3, "c_0": 1e-3}
     train = bd.Train(
         inertias=("m", "r", "e"),

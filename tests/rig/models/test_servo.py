@@ -95,10 +95,8 @@ def oracle(values: dict[str, float]) -> Servo:
 
 
 def closed_loop() -> Array:
-    """`J w' = (k/r) (supply duty (k_p (goal - theta) - k_d w) - k_e w)`: rates of angle, speed, goal and
-    the slope of the goal.
-    """
-    v = PLAIN
+    """Return the rates of angle, speed, goal and slope of the goal, without a limit of the servo."""
+    v = PLAIN  # J w' = (k/r) (supply duty (k_p (goal - theta) - k_d w) - k_e w)
     push = v["k_T_arm"] / v["r_arm"] / v["j_arm"]
     stiff = push * v["supply_arm"] * v["duty_arm"]
     brake = push * v["k_e_arm"] + stiff * v["k_d_arm"]
@@ -108,7 +106,7 @@ def closed_loop() -> Array:
 
 
 def test_a_servo_without_a_limit_is_a_linear_closed_loop() -> None:
-    """In exact steps."""
+    """Its response is that of exact steps."""
     assert Train(inertias=("a", "b"), drives={"a": "servo", "b": "servo"}).smooth
     made, full = response(ARM, PLAIN, 20)
     assert isinstance(made, Response)
